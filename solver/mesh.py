@@ -1,0 +1,121 @@
+"""Owns the rectangular grid of elements: numbering, coordinates, degrees of freedom and which of them the edges hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from solver.design import MeshSize, Panel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A uniform nx × ny grid on [0, a] × [0, b].
+
+    Element (i, j), i downstream and j across, has id i·ny + j; node (i, j) has id i·(ny + 1) + j. A node carries the
+    four bending dofs (w, w,x, w,y, w,xy) at 4n..4n+3 and the two in-plane dofs (u, v) at 2n, 2n+1.
+    """
+
+    length: float
+    """a [m]."""
+    width: float
+    """b [m]."""
+    nx: int
+    """Elements along x."""
+    ny: int
+    """Elements along y."""
+    edges: str
+    """Edges at x = 0, x = a, y = 0, y = b: s simply supported, c clamped."""
+
+    @staticmethod
+    def of(panel: Panel, size: MeshSize) -> Mesh:
+        """The mesh of a panel."""
+        return Mesh(panel.length, panel.width, size.nx, size.ny, panel.edges)
+
+    @property
+    def hx(self) -> float:
+        """Element length [m]."""
+        return self.length / self.nx
+
+    @property
+    def hy(self) -> float:
+        """Element width [m]."""
+        return self.width / self.ny
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return self.nx * self.ny
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return (self.nx + 1) * (self.ny + 1)
+
+    @cached_property
+    def element_nodes(self) -> Ints:
+        """(elements, 2, 2) node ids of each element, indexed by the corner's position in x, then in y."""
+        i, j = np.divmod(np.arange(self.elements), self.ny)
+        corner = np.array([[0, 1], [self.ny + 1, self.ny + 2]])
+        return (i * (self.ny + 1) + j)[:, None, None] + corner
+
+    @cached_property
+    def bending_dofs(self) -> Ints:
+        """(elements, 16) bending dofs of each element in the order of `bfs.bending_shape`."""
+        component = np.array([[0, 2], [1, 3]])  # [derivative in x, derivative in y] -> w, w,x, w,y, w,xy
+        dofs = 4 * self.element_nodes[:, :, None, :, None] + component[:, None, :]
+        return dofs.reshape(self.elements, 16)
+
+    @cached_property
+    def inplane_dofs(self) -> Ints:
+        """(elements, 8) in-plane dofs of each element: u at the four corners, then v."""
+        corners = 2 * self.element_nodes.reshape(self.elements, 4)
+        return np.hstack([corners, corners + 1])
+
+    @cached_property
+    def free_bending(self) -> Bools:
+        """(4·nodes,) bending dofs that the edges leave free."""
+        free = np.ones((self.nx + 1, self.ny + 1, 4), dtype=bool)
+        # w = 0 along an edge holds w and its derivative along the edge; a clamp holds the two across it too
+        for side, letter in enumerate(self.edges):
+            line = [free[0], free[-1], free[:, 0], free[:, -1]][side]
+            along, across = (2, 1) if side < 2 else (1, 2)
+            line[:, [0, along]] = False
+            if letter == "c":
+                line[:, [across, 3]] = False
+        return free.ravel()
+
+    @cached_property
+    def free_inplane(self) -> Bools:
+        """(2·nodes,) in-plane dofs that the immovable edges leave free: those of interior nodes."""
+        free = np.zeros((self.nx + 1, self.ny + 1, 2), dtype=bool)
+        free[1:-1, 1:-1] = True
+        return free.ravel()
+
+    def connected_groups(self, elements: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Split element ids into groups that hang together by shared edges, each and all in ascending order."""
+        ids = np.array(elements, dtype=int)
+        i, j = np.divmod(ids, self.ny)
+        touching = np.abs(i[:, None] - i) + np.abs(j[:, None] - j) == 1
+        count, label = connected_components(sp.csr_array(touching), directed=False)
+        return sorted(tuple(int(e) for e in ids[label == k]) for k in range(count))
+
+    def mirror_image(self, elements: tuple[int, ...]) -> tuple[int, ...]:
+        """The elements across y = b/2 from the given ones, in ascending order."""
+        return tuple(sorted(e // self.ny * self.ny + self.ny - 1 - e % self.ny for e in elements))
+
+    def element_at(self, x: float, y: float) -> int | None:
+        """Id of the element over the point (x, y) [m], or None off the panel."""
+        if not (0 <= x <= self.length and 0 <= y <= self.width):
+            return None
+        i = min(int(x / self.hx), self.nx - 1)
+        return i * self.ny + min(int(y / self.hy), self.ny - 1)

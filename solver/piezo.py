@@ -1,0 +1,47 @@
+"""Owns the wiring of the patches: which of them share a voltage, and the modal force that a volt gives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.design import Design
+from solver.laminate import moment_per_volt
+from solver.mesh import Floats, Mesh
+from solver.modes import ModalModel
+
+
+def channels(design: Design) -> list[tuple[int, ...]]:
+    """The sets of patched elements that share a voltage (the seed's sets), by their smallest element."""
+    elements = design.patches.elements
+    if not elements:
+        return []
+    match design.patches.channels:
+        case "single":
+            return [elements]
+        case "element":
+            return [(e,) for e in elements]
+        case "connected":
+            return Mesh.of(design.panel, design.mesh).connected_groups(elements)
+
+
+def element_forces(model: ModalModel, design: Design) -> Floats:
+    """(n, elements) modal force a volt on a pair of layers on each element, patched or not [N/(V·√kg)].
+
+    F_r = M ∫ (κ_x + κ_y) dA for mode r, with M the moment a volt: the seed's -K_bφ in modal form (2.22).
+    """
+    space = model.plate.space
+    local = space.expand(model.shapes)[space.mesh.bending_dofs]  # (elements, 16, n)
+    return moment_per_volt(design.panel, design.patches) * np.einsum("i,ein->ne", space.moment_integral, local)
+
+
+def channel_forces(model: ModalModel, design: Design) -> Floats:
+    """(n, channels) modal force a volt on each channel [N/(V·√kg)]."""
+    forces = element_forces(model, design)
+    groups = channels(design)
+    mesh = model.plate.space.mesh
+    result = np.zeros((model.size, len(groups)))
+    for k, group in enumerate(groups):
+        # a set symmetric about y = b/2 does not drive antisymmetric modes at all: rounding must not either
+        odd = (model.parity == -1) & (mesh.mirror_image(group) == group)
+        result[:, k] = np.where(odd, 0.0, forces[:, list(group)].sum(axis=1))
+    return result

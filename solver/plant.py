@@ -1,0 +1,105 @@
+"""Owns the plant: the reduced panel in its stream with its patches' forces, linear part and cubic law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from solver.aerodynamics import Stream
+from solver.design import Design
+from solver.errors import DesignError
+from solver.flutter import critical_pressure, leading_eigenvalue, stiffness_in_stream, system_matrix
+from solver.mesh import Floats
+from solver.modes import ModalModel
+from solver.piezo import channel_forces, channels
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(frozen=True)
+class Plant:
+    """q̈ + C q̇ + K q + f(q) = F V in n mass-normalised modes, with |V| limited; X = (q, q̇) is its state."""
+
+    design: Design
+    """The design that this is the plant of."""
+    model: ModalModel
+    """The structure in its modes."""
+    stiffness: Floats
+    """(n, n) K, structure and flow [1/s²]; not symmetric."""
+    damping: Floats
+    """(n, n) C, of the flow [1/s]."""
+    force: Floats
+    """(n, channels) F, modal force a volt [N/(V·√kg)]."""
+    channels: list[tuple[int, ...]]
+    """The patched elements on each channel."""
+
+    @staticmethod
+    def of(design: Design, model: ModalModel | None = None) -> Plant:
+        """The plant of a design; a model may be passed on when only the flow or the control has changed.
+
+        Raises:
+            DesignError: the reduction keeps all modes, which serves λ_cr alone, or more than the mesh has.
+        """
+        if design.reduction.modes == "all":
+            raise DesignError("reduction.modes = all: serves λ_cr alone (flutter); give a number to simulate, as 24")
+        model = model or ModalModel.of(design)
+        stream, pressure = Stream.of(design), design.flow.dynamic_pressure
+        return Plant(
+            design=design,
+            model=model,
+            stiffness=stiffness_in_stream(model, stream, pressure),
+            damping=stream.rate(pressure) * model.bare_mass,
+            force=channel_forces(model, design),
+            channels=channels(design),
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of modes n."""
+        return self.model.size
+
+    @cached_property
+    def critical(self) -> tuple[float, float] | None:
+        """λ_cr [-] and the flutter frequency there [rad/s], in these modes and with the patches on; None if no flutter."""
+        return critical_pressure(self.model, Stream.of(self.design))
+
+    @property
+    def passive(self) -> bool:
+        """Whether the patches end the flutter alone: there are some, and λ lies below the patched λ_cr."""
+        below = self.critical is None or self.design.flow.dynamic_pressure < self.critical[0]
+        return bool(self.channels) and below
+
+    @cached_property
+    def growth(self) -> complex:
+        """Leading eigenvalue of the flat, uncontrolled panel: growth rate [1/s] + i·frequency [rad/s]."""
+        return leading_eigenvalue(self.system_matrix)
+
+    @cached_property
+    def system_matrix(self) -> Floats:
+        """(2n, 2n) A of Ẋ = A X + B V (the seed's 3.4)."""
+        return system_matrix(self.model, Stream.of(self.design), self.design.flow.dynamic_pressure)
+
+    @cached_property
+    def input_matrix(self) -> Floats:
+        """(2n, channels) B of Ẋ = A X + B V (the seed's 3.3)."""
+        return np.vstack([np.zeros_like(self.force), self.force])
+
+    def symmetric(self) -> Plant:
+        """The plant in its symmetric modes alone where nothing excites others; otherwise the plant itself."""
+        if self.design.flow.yaw_deg or not self.model.plate.mirrored:
+            return self
+        return Plant.of(self.design, self.model.symmetric())
+
+    def state_space(self) -> control.StateSpace:
+        """The linear plant as a python-control object: inputs are channel voltages [V], outputs the charges -K_φb w."""
+        import control  # here, because it brings matplotlib with it and few runs need it
+
+        charge = np.hstack([-self.force.T, np.zeros_like(self.force.T)])
+        names = [f"V{k}" for k in range(len(self.channels))]
+        return control.ss(
+            self.system_matrix, self.input_matrix, charge, 0, inputs=names, outputs=[f"Q{k}" for k in range(len(names))]
+        )

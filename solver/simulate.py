@@ -1,0 +1,91 @@
+"""Owns runs in time: a stretch of motion from any state, and the seed protocol from rest to damped."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.kernel import integrate
+from solver.mesh import Floats
+from solver.plant import Plant
+from solver.regulator import Regulator
+from solver.trace import Trace
+
+SAMPLE = 2e-4  # s between samples of a run: 35 in a period of the seed panel's flutter
+STEP_OMEGA = 0.5  # step times the highest natural frequency; Runge-Kutta is stable to 2.8
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A plant and its regulator laid out for the kernel."""
+
+    plant: Plant
+    """The panel in its stream."""
+    regulator: Regulator
+    """The regulator, which a stretch may leave disengaged."""
+    linear: Floats
+    """(n, 2n) K and C side by side."""
+
+    @staticmethod
+    def of(plant: Plant, regulator: Regulator | None = None) -> Loop:
+        """Lay out a plant and a regulator; without one the loop stays open.
+
+        Raises:
+            ControlError: a regulator was left to be made and does not exist.
+        """
+        return Loop(plant, regulator or Regulator.of(plant), np.hstack([plant.stiffness, plant.damping]))
+
+    def stretch(self, state: Floats, sample: float, samples: int, engaged: bool) -> tuple[Floats, Floats]:
+        """Integrate from a state.
+
+        Args:
+            state: (2n,) amplitudes and rates.
+            sample: time between samples [s].
+            samples: how many.
+            engaged: whether the regulator drives the patches.
+
+        Returns:
+            States (samples, 2n) and voltages (samples, channels) after each interval; shorter if the motion diverged.
+        """
+        gain = self.regulator.gain
+        substeps = max(1, math.ceil(sample * self.plant.model.omega[-1] / STEP_OMEGA))
+        states = np.empty((samples, len(state)))
+        volts = np.empty((samples, len(gain)))
+        finite = integrate(
+            state,
+            self.linear,
+            self.plant.model.cubic,
+            np.ascontiguousarray(self.plant.force),
+            np.ascontiguousarray(gain) if engaged else np.zeros_like(gain),
+            self.regulator.limit,
+            sample / substeps,
+            substeps,
+            states,
+            volts,
+        )
+        return states[:finite], volts[:finite]
+
+
+def first_mode_at_rest(plant: Plant, amplitude: float) -> Floats:
+    """(2n,) state at rest in the first mode with the given largest |w| [m]."""
+    state = np.zeros(2 * plant.size)
+    state[0] = amplitude / plant.model.peak[0]
+    return state
+
+
+def seed_protocol(loop: Loop) -> Trace:
+    """The run of the design: from rest in the first mode, uncontrolled until t_on, then controlled to the end."""
+    run = loop.plant.design.run
+    start = first_mode_at_rest(loop.plant, run.initial_amplitude * loop.plant.design.panel.thickness)
+    free = round(run.control_on / SAMPLE)
+    rest = round(run.duration / SAMPLE) - free
+    before, idle = loop.stretch(start, SAMPLE, free, engaged=False)
+    states, volts = [start[None], before], [np.zeros((1, idle.shape[1])), idle]
+    if len(before) == free:
+        after, driven = loop.stretch(before[-1] if free else start, SAMPLE, rest, engaged=True)
+        states.append(after)
+        volts.append(driven)
+    states = np.concatenate(states)
+    return Trace(loop.plant, SAMPLE * np.arange(len(states)), states, np.concatenate(volts))
