@@ -8,7 +8,6 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 

@@ -51,7 +51,7 @@ class Laminate:
 
     @staticmethod
     def of(design: Design) -> Laminate:
-        """A, D and mass by layers (the seed's 2.7): the skin, and where an element is patched a layer on either side."""
+        """A, D and mass by layers (the seed's 2.7): the skin, and a layer on either side where patched."""
         panel, patches = design.panel, design.patches
         h, hp = panel.thickness, patches.thickness
         skin = plane_stress(panel.young, panel.poisson)

@@ -1,4 +1,4 @@
-"""Owns the rectangular grid of elements: numbering, coordinates, degrees of freedom and which of them the edges hold."""
+"""Owns the rectangular grid of elements: numbering, coordinates, degrees of freedom and what the edges hold."""
 
 from __future__ import annotations
 

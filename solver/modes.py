@@ -90,7 +90,14 @@ class ModalModel:
     def symmetric(self) -> ModalModel:
         """The modes symmetric about y = b/2 alone, on a symmetric panel; otherwise the model itself."""
         even = self.parity == 1
-        return ModalModel(self.plate, self.shapes[:, even], self.omega[even], self.parity[even]) if even.any() else self
+        return self._kept(even) if even.any() else self
+
+    def first(self, count: int) -> ModalModel:
+        """The `count` modes of lowest frequency alone, or all if there are fewer."""
+        return self._kept(np.arange(self.size) < count)
+
+    def _kept(self, which: Bools) -> ModalModel:
+        return ModalModel(self.plate, self.shapes[:, which], self.omega[which], self.parity[which])
 
     def sampled(self, per_x: int, per_y: int) -> Floats:
         """(nx·per_x + 1, ny·per_y + 1, n) mode shapes on a grid of per_x by per_y cells an element [1/√kg]."""

@@ -64,7 +64,7 @@ class Plant:
 
     @cached_property
     def critical(self) -> tuple[float, float] | None:
-        """λ_cr [-] and the flutter frequency there [rad/s], in these modes and with the patches on; None if no flutter."""
+        """λ_cr [-] and the flutter frequency [rad/s], in these modes and with the patches on; None if no flutter."""
         return critical_pressure(self.model, Stream.of(self.design))
 
     @property

@@ -74,7 +74,7 @@ def condensed_energy(plate: PlateMatrices, modes: Floats, points: int = CUBIC_PO
 
 
 def cubic_force(energy: Floats, q: Floats) -> Floats:
-    """Gradient of U4 at amplitudes q (modes,): f_r = 2 Σ_s (G c)_(rs) q_s. The plain form that the kernel is tested by."""
+    """Gradient of U4 at amplitudes q (modes,), f_r = 2 Σ_s (G c)_(rs) q_s: the plain form of the kernel's law."""
     modes = len(q)
     r, s = index_pairs(modes)
     stress = np.zeros((modes, modes))

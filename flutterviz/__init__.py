@@ -1,0 +1,1 @@
+"""An interactive explorer of supersonic panel flutter and its suppression by piezoceramic patches."""

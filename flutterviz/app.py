@@ -1,0 +1,239 @@
+"""Owns the wiring of the explorer and its loop: the only file that knows session, scene, widgets and recording at once."""
+
+from __future__ import annotations
+
+import queue
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from flutterviz import colormap
+from flutterviz import commands as do
+from flutterviz.clock import FRAME, Clock, nearest_rate
+from flutterviz.controls import Controls, Wish
+from flutterviz.plots import Plots
+from flutterviz.recording import Recording
+from flutterviz.rig import Rig, rig_of
+from flutterviz.scene import Scene, picked_element
+from flutterviz.session import Rows, Session
+from solver import DesignError, Mesh, design_to_json
+
+PLOT_EVERY = 3  # frames: ten times a second
+TEXT_EVERY = 8  # frames: about four times a second
+PLOT_CYCLES = 8  # flutter periods that the plots show at slow motion
+PLOT_SECONDS = 12.0  # wall time that the plots show where that is longer
+
+
+class Explorer:
+    """A page on a server, and the loop that feeds it. Callbacks only put into the inbox; the loop owns the session."""
+
+    def __init__(self, session: Session, server: viser.ViserServer, record: Path | None = None) -> None:
+        """Build the page.
+
+        Raises:
+            OSError: the recording cannot be written.
+        """
+        self.session = session
+        self.server = server
+        self.clock = Clock(nearest_rate(session.period))
+        self.running = True
+        self._inbox: queue.SimpleQueue[do.Command | Wish] = queue.SimpleQueue()
+        self._builder = ThreadPoolExecutor(1, thread_name_prefix="rebuild")
+        self._building: Future[Rig] | None = None
+        self._dark = False
+        self._frame = 0
+        self._shown_design = session.design
+        self._recording: Recording | None = None
+        self._record_name: str | None = None
+        self._theme()
+        server.gui.set_panel_label("flutterviz")
+        self.scene = Scene(server, session.rig, session.design.patches.elements)
+        self.plots = Plots(server, session.design.control.voltage_limit)
+        self.controls = Controls(server, session, self.clock, self.scene.legend(session.rig.thickness), self._inbox.put)
+        server.scene.on_click()(self._clicked)
+        if record is not None:
+            self._start_recording(record)
+        self._show()
+
+    # --- callbacks: other threads ------------------------------------------------------------------------------------
+
+    async def _clicked(self, event: viser.SceneClickEvent) -> None:
+        grid, height = self.session.rig.grid, self.scene.height
+        mesh = Mesh.of(self.session.design.panel, self.session.design.mesh)
+        element = picked_element(mesh, grid, height, np.array(event.ray_origin), np.array(event.ray_direction))
+        if element is not None:
+            self._inbox.put(do.TogglePatch(element))
+
+    # --- the loop ----------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Feed the page until `running` is taken away; at most 30 frames a second."""
+        due = time.perf_counter()
+        while self.running:
+            self.tick()
+            due = max(due + FRAME, time.perf_counter() - FRAME)
+            time.sleep(max(0.0, due - time.perf_counter()))
+
+    def tick(self) -> None:
+        """One turn of the loop: commands, rebuild, motion, picture, recording."""
+        self._drain()
+        self._rebuild()
+        watched = bool(self.server.get_clients()) or self._recording is not None
+        if not watched:
+            self.clock.due(time.perf_counter())  # nobody looks: time stands still, and is not made up for
+            return
+        start = time.perf_counter()
+        seconds = self.clock.due(start)
+        rows = self.session.advance(seconds)
+        if rows is not None:
+            self.clock.took(seconds, time.perf_counter() - start)
+        self._frame += 1
+        self._show()
+        self._record(rows)
+
+    def close(self) -> None:
+        """End the recording and the builder's thread."""
+        self._builder.shutdown(wait=True, cancel_futures=True)
+        self._stop_recording()
+
+    def _drain(self) -> None:
+        while True:
+            try:
+                wanted = self._inbox.get_nowait()
+            except queue.Empty:
+                return
+            if isinstance(wanted, (str, tuple)):
+                self._grant(wanted)
+                continue
+            try:
+                self.session.apply(wanted)
+            except DesignError as error:
+                self.session.note(str(error))
+
+    def _grant(self, wish: Wish) -> None:
+        """Do what concerns the page and not the panel."""
+        match wish:
+            case ("rate", rate):
+                self.clock.rate = rate
+            case ("exaggeration", factor):
+                self.scene.exaggeration = factor
+                self._show_legend()
+            case "fit colours":
+                recent = self.session.history.since(self.session.time - 2 * self.session.period)
+                if len(recent):
+                    self.scene.limit = _round_up(float(recent.largest.max()))
+                    self._show_legend()
+            case "aim":
+                for client in self.server.get_clients().values():
+                    self.scene.aim(client)
+            case "theme":
+                self._dark = not self._dark
+                self._theme()
+            case "record":
+                self._toggle_recording()
+
+    def _rebuild(self) -> None:
+        """Build the wanted design's rig beside the loop and swap it in when ready; the panel moves on meanwhile."""
+        session = self.session
+        if session.design != self._shown_design:
+            self._shown_design = session.design
+            self.controls.follow(session)
+        if self._building is not None and self._building.done():
+            try:
+                session.adopt(self._building.result())
+                self.plots.forget_modes()
+                self._show_legend()
+            except DesignError as error:
+                session.refuse(str(error))
+            self._building = None
+        if session.stale and self._building is None:
+            self._building = self._builder.submit(rig_of, session.design, session.rig)
+
+    def _show(self) -> None:
+        session, rig = self.session, self.session.rig
+        w = rig.displacement(session.state) / rig.thickness
+        # patches are drawn as wanted, at once; the model follows within a few frames
+        patched = session.design.patches.elements if session.design.mesh == rig.design.mesh else rig.design.patches.elements
+        with self.server.atomic():
+            self.scene.rebuild(rig.grid, patched)
+            self.scene.show(w, rig.thickness)
+            if self._frame % PLOT_EVERY == 0:
+                span = max(PLOT_CYCLES * session.period, min(PLOT_SECONDS * self.clock.rate, 0.5))
+                self.plots.show(session.history, span, rig.design.control.voltage_limit)
+            if self._frame % TEXT_EVERY == 0:
+                self.scene.keep_framed(self.server.get_clients())
+                self.controls.refresh(session, self.clock, len(self.server.get_clients()), self._record_name)
+
+    def _show_legend(self) -> None:
+        self.controls.show_legend(self.scene.legend(self.session.rig.thickness))
+
+    def _theme(self) -> None:
+        self.server.gui.configure_theme(
+            dark_mode=self._dark, show_logo=False, show_share_button=False, brand_color=(47, 127, 209)
+        )
+
+    # --- recording ---------------------------------------------------------------------------------------------------
+
+    def _toggle_recording(self) -> None:
+        if self._recording is not None:
+            self._stop_recording()
+            return
+        try:
+            self._start_recording(Path(datetime.now().strftime("flutterviz-%Y%m%d-%H%M%S.rrd")))
+        except OSError as error:
+            self.session.note(str(error))
+
+    def _start_recording(self, path: Path) -> None:
+        session, grid = self.session, self.session.rig.grid
+        self._recording = Recording(
+            path,
+            x=grid.x,
+            y=grid.y,
+            nx=grid.nx,
+            ny=grid.ny,
+            voltage_limit=session.design.control.voltage_limit,
+            exaggeration=self.scene.exaggeration,
+            playback=self.clock.rate,
+        )
+        self._record_name = str(path)
+        self._recorded_design = None
+        session.note(f"recording to {path.name}")
+
+    def _stop_recording(self) -> None:
+        if self._recording is not None:
+            self._recording.close()
+        self._recording = self._record_name = None
+
+    def _record(self, rows: Rows | None) -> None:
+        """Pass on what happened and what moved; a disk that fills ends the recording, not the run."""
+        events = self.session.take_events()
+        for event in events:
+            print(f"{1e3 * event.time:9.1f} ms  {event.text}", flush=True)
+        if self._recording is None:
+            return
+        session, rig = self.session, self.session.rig
+        try:
+            for event in events:
+                self._recording.event(event.time, event.text)
+            if rig.design != self._recorded_design:
+                self._recorded_design = rig.design
+                self._recording.design(session.time, design_to_json(rig.design))
+                self._recording.patches(session.time, rig.design.patches.elements)
+            if rows is not None:
+                w = rig.displacement(session.state)
+                colours = colormap.display_rgb(w.ravel() / (rig.thickness * self.scene.limit))
+                self._recording.frame(session.time, w, colours)
+                self._recording.states(rows.times, rows.probe, rows.modal, rows.volts)
+        except (OSError, RuntimeError) as error:
+            self._stop_recording()
+            session.note(f"recording stopped: {' '.join(str(error).split())}")
+
+
+def _round_up(value: float) -> float:
+    """The next of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten, for the end of a scale."""
+    power = 10.0 ** np.floor(np.log10(max(value, 1e-6)))
+    return float(next(power * m for m in (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if power * m >= value * 0.999))

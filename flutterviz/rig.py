@@ -1,0 +1,102 @@
+"""Owns the rig: all that running and showing a design takes, built anywhere and swapped in whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flutterviz.surface import DisplayGrid
+from solver import ControlError, Design, Loop, Plant, Regulator
+from solver.simulate import SAMPLE, first_mode_at_rest
+from solver.trace import probe_shapes
+
+Floats = NDArray[np.float64]
+
+SETTLING = 0.3  # s of motion computed before the page opens: the panel is then in full flutter
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A design's plant and regulator, with its mode shapes sampled for display."""
+
+    design: Design
+    """What it was built from."""
+    loop: Loop
+    """Plant and regulator, laid out for the kernel."""
+    grid: DisplayGrid
+    """Where the surface is sampled."""
+    surface: Floats
+    """(nvx·nvy, n) mode shapes on the display grid [1/√kg]."""
+    coarse: Floats
+    """(points, n) mode shapes where the largest |w| is looked for [1/√kg]."""
+    probe: Floats
+    """(n,) mode shapes at the 0.75 a point [1/√kg]."""
+    bare_critical: float | None
+    """λ_cr of the panel without patches [-], to tell a passive layout from a flow in which nothing flutters."""
+    refusal: str | None
+    """Why there is no regulator for these patches, if there is none."""
+
+    @property
+    def plant(self) -> Plant:
+        """The plant."""
+        return self.loop.plant
+
+    @property
+    def thickness(self) -> float:
+        """Panel thickness h [m]."""
+        return self.design.panel.thickness
+
+    def displacement(self, state: Floats) -> Floats:
+        """(nvx, nvy) w on the display grid [m] at a state (2n,)."""
+        return (self.surface @ state[: self.plant.size]).reshape(self.grid.shape)
+
+
+def rig_of(design: Design, last: Rig | None = None) -> Rig:
+    """Build the rig of a design, using again what a change of flow or control leaves as it is.
+
+    Raises:
+        DesignError: the design cannot be simulated, as with all modes retained.
+    """
+    structural = (design.panel, design.mesh, design.patches, design.reduction)
+    same = last is not None and structural == (
+        last.design.panel,
+        last.design.mesh,
+        last.design.patches,
+        last.design.reduction,
+    )
+    plant = Plant.of(design, last.plant.model if last is not None and same else None)
+    refusal = None
+    try:
+        regulator = Regulator.of(plant)
+    except ControlError as error:
+        refusal = str(error)
+        regulator = Regulator(np.zeros((len(plant.channels), 2 * plant.size)), design.control.voltage_limit, plant.growth)
+    _ = plant.model.cubic, plant.critical  # computed here, where waiting does no harm
+    grid = DisplayGrid(design.panel.length, design.panel.width, design.mesh.nx, design.mesh.ny)
+    keep = last if same else None
+    return Rig(
+        design=design,
+        loop=Loop.of(plant, regulator),
+        grid=grid,
+        surface=keep.surface if keep else plant.model.sampled(grid.per_x, grid.per_y).reshape(-1, plant.size),
+        coarse=keep.coarse if keep else plant.model.sampled(2, 4).reshape(-1, plant.size),
+        probe=keep.probe if keep else probe_shapes(plant),
+        bare_critical=_bare_critical(design.with_elements(()).with_dynamic_pressure(0.0)),
+        refusal=refusal,
+    )
+
+
+@lru_cache(maxsize=8)
+def _bare_critical(design: Design) -> float | None:
+    found = Plant.of(design).critical
+    return found[0] if found else None
+
+
+def in_flutter(rig: Rig) -> Floats:
+    """(2n,) state after the panel was left to itself for a while from a small start: on the limit cycle, if there is one."""
+    start = first_mode_at_rest(rig.plant, rig.design.run.initial_amplitude * rig.thickness)
+    states, _ = rig.loop.stretch(start, SAMPLE, round(SETTLING / SAMPLE), engaged=False)
+    return states[-1].copy() if len(states) and rig.plant.growth.real > 0 else start

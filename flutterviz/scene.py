@@ -1,0 +1,186 @@
+"""Owns the 3D view: what stands in the scene, how it is moved, and which element a ray from the mouse hits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from flutterviz import colormap
+from flutterviz.rig import Rig
+from flutterviz.surface import DisplayGrid, SurfacePacker, anchor_glb
+from solver import Design, Mesh
+
+Floats = NDArray[np.float64]
+
+EXAGGERATIONS = (1, 5, 10, 20, 40, 80)
+FIELD_OF_VIEW = math.radians(40)
+TYPICAL_ASPECT = 0.9  # of the free part of a laptop's window between the docked panels
+MARGIN = 1.04  # of the camera's distance over that at which the view just fits
+RAY_SAMPLES = 400  # on the part of a ray that passes the panel; a hit is then refined linearly
+
+
+class Scene:
+    """The panel and what stands around it, in scene units (the panel's longer side is 1)."""
+
+    def __init__(self, server: viser.ViserServer, rig: Rig, patched: tuple[int, ...]) -> None:
+        """Put everything into the scene of a server."""
+        self.exaggeration = 20.0
+        self.limit = 1.5  # displacement at the ends of the colour scale, over h
+        self._server = server
+        self._aimed: dict[int, tuple[float, tuple[float, float, float]]] = {}
+        server.scene.set_up_direction("+z")
+        server.scene.configure_default_lights(enabled=False)
+        server.scene.configure_environment_map(None)
+        server.scene.world_axes.visible = False
+        # Inside the first view, or the browser never compiles its shader and does so at each frame instead.
+        server.scene.add_glb(
+            "/anchor", anchor_glb(), scale=1e-5, position=(0.5, 0.5, -1e-3), cast_shadow=False, receive_shadow=False
+        )
+        self._grid = rig.grid
+        self._packer = SurfacePacker(rig.grid, patched)
+        self.height = np.zeros(rig.grid.shape)
+        rest = np.zeros(rig.grid.shape)
+        self._panel = server.scene.add_glb("/panel", self._packer.pack(rest, rest), cast_shadow=False, receive_shadow=False)
+        self._surroundings(rig.design)
+        self._aim_first()
+
+    def _aim_first(self) -> None:
+        """The view that a page begins with, and returns to on "Reset View"."""
+        camera, (position, target) = self._server.initial_camera, self.view(TYPICAL_ASPECT)
+        camera.position, camera.look_at, camera.up = position, target, (0.0, 0.0, 1.0)
+        camera.fov, camera.near, camera.far = FIELD_OF_VIEW, 0.05, 20.0
+
+    def keep_framed(self, clients: dict[int, viser.ClientHandle]) -> None:
+        """Aim the cameras of pages whose window or docked panels changed size, until their user takes the camera."""
+        self._aimed = {key: self._aimed[key] for key in clients if key in self._aimed}
+        for key, client in clients.items():
+            aspect, position = self._aimed.setdefault(key, (TYPICAL_ASPECT, self.view(TYPICAL_ASPECT)[0]))
+            untouched = np.allclose(client.camera.position, position, atol=1e-3)
+            if untouched and abs(client.camera.aspect - aspect) > 0.01:
+                self.aim(client)
+
+    def aim(self, client: viser.ClientHandle) -> None:
+        """Move one page's camera so that the panel fills what its docked panels leave free."""
+        aspect = client.camera.aspect
+        position, target = self.view(aspect)
+        self._aimed[client.client_id] = (aspect, position)
+        with client.atomic():
+            client.camera.position = np.array(position)
+            client.camera.look_at = np.array(target)
+
+    def view(self, aspect: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Camera position and target at which panel and flow arrow just fit a window of width/height `aspect`."""
+        length, width = self._sides
+        points = np.array([(x, y, z) for x in (-0.24 * length, length) for y in (0, width) for z in (-0.12, 0.12)])
+        target = np.array([0.42 * length, 0.5 * width, 0.0])
+        backward = np.array([-0.12, -0.75, 0.66])
+        backward /= np.linalg.norm(backward)
+        right = np.cross([0, 0, 1], backward)
+        right /= np.linalg.norm(right)
+        up = np.cross(backward, right)
+        tangent = math.tan(FIELD_OF_VIEW / 2)
+        offset = points - target
+        # a point is in view at distance d if its offset across is below tangent·(d - its offset towards the camera)
+        across = np.maximum(np.abs(offset @ right) / max(aspect, 0.1), np.abs(offset @ up)) / tangent
+        distance = float(np.max(across + offset @ backward)) * MARGIN
+        x, y, z = target + distance * backward
+        return (float(x), float(y), float(z)), (float(target[0]), float(target[1]), 0.0)
+
+    @property
+    def _sides(self) -> tuple[float, float]:
+        return self._grid.length * self._grid.scale, self._grid.width * self._grid.scale
+
+    def _surroundings(self, design: Design) -> None:
+        """The undeformed outline, the direction of the flow and the names of the edges."""
+        scene, (length, width) = self._server.scene, self._sides
+        outline = np.array([[0, 0], [length, 0], [length, width], [0, width], [0, 0]])
+        corners = np.column_stack([outline, np.zeros(5)])
+        segments = np.stack([corners[:-1], corners[1:]], axis=1)
+        scene.add_line_segments("/outline", segments, (90, 96, 108), thickness=1.5, thickness_units="screen")
+        yaw = math.radians(design.flow.yaw_deg)
+        along, aside = np.array([math.cos(yaw), math.sin(yaw), 0]), np.array([-math.sin(yaw), math.cos(yaw), 0])
+        centre = np.array([0.5 * length, 0.5 * width, 0.0])
+        strokes = []
+        for offset in (-0.25, 0.0, 0.25):
+            tip = centre - 0.56 * along + offset * aside
+            strokes += [(tip - 0.16 * along, tip)]
+            strokes += [(tip - 0.045 * along + side * 0.022 * aside, tip) for side in (-1, 1)]
+        scene.add_line_segments("/flow", np.array(strokes), (20, 120, 200), thickness=4.0, thickness_units="screen")
+        start = centre - 0.66 * along + 0.31 * aside
+        scene.add_label("/flow_name", "flow", position=tuple(start), anchor="bottom-center", font_screen_scale=1.1)
+        scene.add_label(
+            "/axis_x", "x, downstream", position=(0.5 * length, -0.03, 0.0), anchor="top-center", font_screen_scale=0.9
+        )
+
+    def rebuild(self, grid: DisplayGrid, patched: tuple[int, ...]) -> None:
+        """Lay the panel out again for other patches or another mesh."""
+        if (grid, patched) != (self._packer.grid, self._packer.patched):
+            self._grid = grid
+            self._packer = SurfacePacker(grid, patched)
+
+    def show(self, w_over_h: Floats, thickness: float) -> None:
+        """Draw the panel: (nvx, nvy) displacement over h, and h [m]."""
+        if w_over_h.shape != self._packer.grid.shape:
+            return  # a rig for another mesh is on its way
+        self.height = w_over_h * (thickness * self._grid.scale * self.exaggeration)
+        self._panel.glb_data = self._packer.pack(self.height, w_over_h / self.limit)
+
+    def legend(self, thickness: float) -> str:
+        """The colour scale as SVG with its unit, and the exaggeration of the height."""
+        svg = colormap.legend_svg(self.limit, title="displacement w / h")
+        note = f"h = {1e3 * thickness:.3g} mm · ends at ±{1e3 * self.limit * thickness:.3g} mm"
+        height = f"height × {self.exaggeration:g}"
+        return f'<div style="text-align:center;font-size:0.8em">{svg}<div style="opacity:.75">{note} · {height}</div></div>'
+
+
+def pick(grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -> tuple[float, float] | None:
+    """Where a ray first meets the deformed panel.
+
+    Args:
+        grid: where the surface is sampled.
+        height: (nvx, nvy) height of the surface [scene units].
+        origin: (3,) start of the ray [scene units].
+        direction: (3,) its direction.
+
+    Returns:
+        (x, y) on the panel [m], or None if the ray misses it.
+    """
+    lowest, highest = float(height.min()) - 1e-6, float(height.max()) + 1e-6
+    if abs(direction[2]) < 1e-12:
+        return None
+    ends = sorted((level - origin[2]) / direction[2] for level in (lowest, highest))
+    reach = np.linspace(max(ends[0], 0.0), max(ends[1], 0.0), RAY_SAMPLES)
+    points = origin + reach[:, None] * direction
+    x, y = points[:, 0] / grid.scale, points[:, 1] / grid.scale
+    inside = (x >= 0) & (x <= grid.length) & (y >= 0) & (y <= grid.width)
+    gap = points[:, 2] - _height_at(grid, height, x, y)
+    crossing = np.flatnonzero(inside[:-1] & inside[1:] & (gap[:-1] * gap[1:] <= 0))
+    if not len(crossing):
+        return None
+    k = crossing[0]
+    part = gap[k] / (gap[k] - gap[k + 1]) if gap[k] != gap[k + 1] else 0.0
+    return float(x[k] + part * (x[k + 1] - x[k])), float(y[k] + part * (y[k + 1] - y[k]))
+
+
+def picked_element(mesh: Mesh, grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -> int | None:
+    """Id of the element that a ray first meets, or None."""
+    point = pick(grid, height, origin, direction)
+    return None if point is None else mesh.element_at(*point)
+
+
+def _height_at(grid: DisplayGrid, height: Floats, x: Floats, y: Floats) -> Floats:
+    """Bilinear height at points (k,) [m], held at the rim beyond it."""
+    nvx, nvy = grid.shape
+    s = np.clip(x / grid.length * (nvx - 1), 0, nvx - 1)
+    t = np.clip(y / grid.width * (nvy - 1), 0, nvy - 1)
+    i, j = np.minimum(s.astype(int), nvx - 2), np.minimum(t.astype(int), nvy - 2)
+    s, t = s - i, t - j
+    return (
+        (1 - s) * (1 - t) * height[i, j]
+        + s * (1 - t) * height[i + 1, j]
+        + (1 - s) * t * height[i, j + 1]
+        + s * t * height[i + 1, j + 1]
+    )

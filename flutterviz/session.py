@@ -1,0 +1,281 @@
+"""Owns the session: the one mutable object, a design with undo and a panel in motion; no viewer, no clock, no file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flutterviz import commands as do
+from flutterviz.history import History
+from flutterviz.rig import Rig, in_flutter, rig_of
+from solver import Design, DesignError
+from solver.simulate import SAMPLE, first_mode_at_rest
+
+Floats = NDArray[np.float64]
+
+DIVERGED = 50.0  # largest |w|/h at which a run is stopped: far beyond what plate theory means anything for
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened, for the log and the recording."""
+
+    time: float
+    """Simulated time [s]."""
+    text: str
+    """What happened, in words."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What a stretch of motion adds to plots and recordings."""
+
+    times: Floats
+    """(rows,) simulated time [s]."""
+    probe: Floats
+    """(rows,) w at the 0.75 a point over h [-]."""
+    modal: Floats
+    """(rows, n) modal deflections over h [-]."""
+    volts: Floats
+    """(rows, channels) voltages [V]."""
+
+
+class Session:
+    """A design that can be changed and undone, and the panel that moves by it.
+
+    `design` is what the user wants; `rig` is what runs. They differ while a rig is being built, which a caller may do
+    elsewhere: `stale` tells, `adopt` swaps the new rig in and carries the motion over. `settle` does both at once.
+    """
+
+    def __init__(self, design: Design, rig: Rig | None = None) -> None:
+        """Begin in full flutter, controller off.
+
+        Raises:
+            DesignError: the design cannot be simulated.
+        """
+        self.design = design
+        self.rig = rig or rig_of(design)
+        self.time = 0.0
+        self.state = in_flutter(self.rig)
+        self.volts = np.zeros(len(self.rig.plant.channels))
+        self.engaged = False
+        self.paused = False
+        self.error: str | None = None
+        self.engaged_at = 0.0
+        self.damping_time: float | None = None
+        self.history = History(self.rig.plant.size)
+        self._last_loud = 0.0
+        self._past: list[Design] = []
+        self._future: list[Design] = []
+        self._events: list[Event] = []
+        self._steps = 0
+
+    # --- what a user does -------------------------------------------------------------------------------------------
+
+    def apply(self, command: do.Command) -> None:
+        """Carry out a command; one that makes no sense now is told as an event and changes nothing."""
+        match command:
+            case do.TogglePatch(element):
+                self._toggle(element)
+            case do.ClearPatches():
+                self._change(self.design.with_elements(()), "all patches taken off")
+            case do.SetFlow(value):
+                self._change(self.design.with_dynamic_pressure(value), f"λ set to {value:g}", merge=True)
+            case do.LoadDesign(design, name):
+                self._change(design, f"{name} loaded")
+            case do.Undo():
+                self._travel(self._past, self._future, "undo")
+            case do.Redo():
+                self._travel(self._future, self._past, "redo")
+            case do.Engage(on):
+                self._engage(not self.engaged if on is None else on)
+            case do.Pause(on):
+                self.paused = not self.paused if on is None else on
+                if not self.paused:
+                    self.error = None
+            case do.Step():
+                self.paused = True
+                self._steps += 1
+            case do.Reset():
+                self._reset()
+            case do.Pluck(x, y, velocity):
+                self._pluck(x, y, velocity)
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a change to take back."""
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is an undone change to make again."""
+        return bool(self._future)
+
+    def take_events(self) -> list[Event]:
+        """What has happened since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def note(self, text: str) -> None:
+        """Add an event at the present simulated time."""
+        self._events.append(Event(self.time, text))
+
+    def _toggle(self, element: int) -> None:
+        count = self.design.mesh.nx * self.design.mesh.ny
+        if not 0 <= element < count:
+            self.note(f"there is no element {element}: the mesh has 0 to {count - 1}")
+            return
+        on = element not in self.design.patches.elements
+        i, j = divmod(element, self.design.mesh.ny)
+        changed = set(self.design.patches.elements) ^ {element}
+        text = f"element {element} (i = {i}, j = {j}) {'patched' if on else 'bare'}"
+        self._change(self.design.with_elements(tuple(changed)), text)
+
+    def _change(self, design: Design, text: str, merge: bool = False) -> None:
+        """Make a new design the wanted one; merged changes, as of a slider in motion, undo as one."""
+        if design == self.design:
+            return
+        pressure = self.design.flow.dynamic_pressure
+        dragging = merge and self._past and not self._future and self._past[-1].with_dynamic_pressure(pressure) == self.design
+        if not dragging:
+            self._past.append(self.design)
+        self._future.clear()
+        self.design = design
+        self.note(text)
+
+    def _travel(self, source: list[Design], target: list[Design], word: str) -> None:
+        if not source:
+            self.note(f"nothing to {word}")
+            return
+        target.append(self.design)
+        self.design = source.pop()
+        self.note(word)
+
+    def _engage(self, on: bool) -> None:
+        if on == self.engaged:
+            return
+        self.engaged = on
+        self.engaged_at = self._last_loud = self.time
+        self.damping_time = None
+        self.note("controller on" if on else "controller off")
+        if on and self.rig.refusal:
+            self.note(self.rig.refusal)
+
+    def _reset(self) -> None:
+        self.state = first_mode_at_rest(self.rig.plant, self.design.run.initial_amplitude * self.rig.thickness)
+        self.volts = np.zeros_like(self.volts)
+        self.engaged = self.paused = False
+        self.error = None
+        self.damping_time = None
+        self.note("reset: at rest in the first mode, controller off")
+
+    def _pluck(self, x: float, y: float, velocity: float) -> None:
+        if not (0 < x < 1 and 0 < y < 1 and np.isfinite(velocity)):
+            self.note("a pluck must be inside the panel")
+            return
+        panel = self.design.panel
+        shape = self.rig.plant.model.at(x * panel.length, y * panel.width)
+        n = self.rig.plant.size
+        self.state = self.state.copy()
+        self.state[n:] += shape * (velocity / max(float(shape @ shape), 1e-300))
+        self.note(f"plucked at x = {x:.2f} a, y = {y:.2f} b")
+
+    # --- the rig ----------------------------------------------------------------------------------------------------
+
+    @property
+    def stale(self) -> bool:
+        """Whether the rig was built for another design than the one wanted now."""
+        return self.rig.design != self.design
+
+    def adopt(self, rig: Rig) -> None:
+        """Swap in a rig; the motion carries over as its mass-weighted projection on the new modes.
+
+        On another mesh or panel there is nothing to project on, and the panel starts in flutter anew.
+        """
+        old = self.rig
+        if (old.design.panel, old.design.mesh) == (rig.design.panel, rig.design.mesh):
+            if old.plant.model is not rig.plant.model:
+                halves = self.state.reshape(2, -1)
+                self.state = rig.plant.model.project(old.plant.model, halves).ravel()
+        else:
+            self.state = in_flutter(rig)
+        if rig.plant.size != old.plant.size:
+            self.history = History(rig.plant.size)
+        if self.engaged and rig.refusal:
+            self.note(rig.refusal)
+        if rig.design.patches != old.design.patches or rig.design.flow != old.design.flow:
+            # a damping time belongs to one layout and one flow: measure anew from here
+            self.engaged_at = self._last_loud = self.time
+            self.damping_time = None
+        self.volts = np.zeros(len(rig.plant.channels))
+        self.rig = rig
+
+    def settle(self) -> None:
+        """Build and adopt the rig of the wanted design, if it is another; a design that cannot run is taken back."""
+        if not self.stale:
+            return
+        try:
+            self.adopt(rig_of(self.design, self.rig))
+        except DesignError as error:
+            self.refuse(str(error))
+
+    def refuse(self, reason: str) -> None:
+        """Go back to the design that runs, because the wanted one cannot."""
+        self.design = self.rig.design
+        self.note(reason)
+
+    # --- motion -----------------------------------------------------------------------------------------------------
+
+    def advance(self, seconds: float) -> Rows | None:
+        """Move on by a stretch of simulated time; gives what it adds to the plots, or None if time stands still."""
+        if self.paused:
+            if not self._steps or self.error:
+                self._steps = 0
+                return None
+            self._steps -= 1
+        if not seconds > 0:
+            return None
+        samples = max(1, round(seconds / SAMPLE))
+        sample = seconds / samples
+        states, volts = self.rig.loop.stretch(self.state, sample, samples, self.engaged)
+        rig, h, n = self.rig, self.rig.thickness, self.rig.plant.size
+        q = states[:, :n]
+        largest = np.abs(q @ rig.coarse.T).max(axis=1) / h if len(q) else np.empty(0)
+        if len(states) < samples or largest[-1] > DIVERGED:
+            self._stop_diverged()
+            return None
+        times = self.time + sample * np.arange(1, samples + 1)
+        rows = Rows(times, q @ rig.probe / h, q * rig.plant.model.peak / h, volts)
+        self.state, self.time, self.volts = states[-1].copy(), float(times[-1]), volts[-1].copy()
+        self.history.append(times, rows.probe, largest, volts, rows.modal)
+        self._watch(times, largest)
+        return rows
+
+    def _stop_diverged(self) -> None:
+        self.paused = True
+        self.error = "the motion diverged and was stopped; lower λ or release the controller, then reset"
+        self.note(self.error)
+
+    def _watch(self, times: Floats, largest: Floats) -> None:
+        """Follow the time at which the panel was last loud, and settle the damping time once it has been quiet."""
+        loud = np.flatnonzero(largest >= self.design.run.settled)
+        if len(loud):
+            self._last_loud = float(times[loud[-1]])
+            self.damping_time = None
+        elif self.engaged and self.damping_time is None and self.rig.plant.channels and not self.rig.plant.passive:
+            if self.time - self._last_loud > self.period and self._last_loud > self.engaged_at:
+                self.damping_time = self._last_loud - self.engaged_at
+                self.note(f"damped {self.damping_time:.4f} s after the controller was switched on")
+
+    @property
+    def period(self) -> float:
+        """Period of the flat panel's leading root [s]: the time scale of its flutter."""
+        rate = self.rig.plant.growth.imag
+        return float(2 * np.pi / rate) if rate > 0 else 0.02
+
+    @property
+    def largest(self) -> float:
+        """Largest |w| on the panel now, over h [-]."""
+        return float(np.abs(self.rig.coarse @ self.state[: self.rig.plant.size]).max() / self.rig.thickness)

@@ -1,0 +1,95 @@
+"""Owns the verdict on a session's motion, in words: stable, growing, limit cycle, controlled, passive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from flutterviz.session import Session
+
+Tone = Literal["calm", "good", "warn", "bad"]
+
+STEADY = 3.0  # 1/s: an amplitude that changes no faster counts as that of a limit cycle
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the panel is doing."""
+
+    word: str
+    """The state, in a few words."""
+    detail: str
+    """One sentence more."""
+    icon: str
+    """A sign that tells the states apart without colour."""
+    tone: Tone
+    """How the state is to be taken."""
+    pressure_ratio: float | None
+    """λ/λ_cr with the patches on [-]; None where there is no flutter."""
+    growth: float
+    """Growth rate of the flat panel as it is driven now [1/s]."""
+
+
+def status_of(session: Session) -> Status:
+    """Judge a session by its eigenvalues and its recent past."""
+    rig, plant = session.rig, session.rig.plant
+    critical = plant.critical[0] if plant.critical else None
+    pressure = rig.design.flow.dynamic_pressure
+    driven = session.engaged and bool(plant.channels) and rig.refusal is None
+    growth = rig.loop.regulator.growth.real if driven else plant.growth.real
+    word, detail, icon, tone = _verdict(session, driven, critical)
+    if session.paused and not session.error:
+        word = f"Paused · {word}"
+    return Status(word, detail, icon, tone, pressure / critical if critical else None, growth)
+
+
+def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[str, str, str, Tone]:
+    rig, plant = session.rig, session.rig.plant
+    pressure = rig.design.flow.dynamic_pressure
+    if session.error:
+        return "Stopped", session.error, "✖", "bad"
+    if plant.passive and rig.bare_critical is not None and pressure >= rig.bare_critical:
+        return (
+            "Passive",
+            f"the patches' own stiffness and mass end the flutter: bare λ_cr {rig.bare_critical:.0f}, now {critical:.0f}"
+            if critical
+            else "the patches' own stiffness and mass end the flutter",
+            "◆",
+            "good",
+        )
+    if plant.growth.real <= 0:
+        return "Stable", "below the critical dynamic pressure: every motion dies out", "●", "good"
+    if session.engaged and not plant.channels:
+        return "Controller has no patches", "click elements of the panel to patch them", "!", "warn"
+    if session.engaged and rig.refusal:
+        return "Controller impossible", rig.refusal, "!", "bad"
+    if driven:
+        if session.damping_time is not None:
+            return "Controlled, quiet", f"damped {session.damping_time:.3f} s after switching on", "✔", "good"
+        if rig.loop.regulator.growth.real > 0:
+            return "Controlled in part", "a growing mode is out of these patches' reach; patch off the centre line", "!", "warn"
+        saturated = bool(np.any(np.abs(session.volts) >= 0.999 * rig.loop.regulator.limit))
+        return "Controlled", "at the voltage limit" if saturated else "damping the flutter", "▼", "calm"
+    trend = recent_growth(session)
+    if trend is None or abs(trend) <= STEADY:
+        if session.largest < 0.02:
+            return "Flutter growing", "from small beginnings", "▲", "bad"
+        return "Limit cycle", "flutter held by the panel's own membrane stretching", "⟳", "warn"
+    if trend > 0:
+        return "Flutter growing", f"amplitude growing at {trend:.0f} /s", "▲", "bad"
+    return "Settling to the limit cycle", f"amplitude changing at {trend:.0f} /s", "▽", "warn"
+
+
+def recent_growth(session: Session) -> float | None:
+    """Growth rate of the motion [1/s], from the peaks of the last flutter period and the one before; None if unknown."""
+    period = session.period
+    rows = session.history.since(session.time - 2 * period)
+    if len(rows) < 8 or rows.times[0] > session.time - 1.8 * period:
+        return None
+    late = rows.times > session.time - period
+    first, second = rows.largest[~late].max(initial=0.0), rows.largest[late].max(initial=0.0)
+    if min(first, second) <= 0:
+        return None
+    return float(np.log(second / first) / period)

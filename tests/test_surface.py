@@ -1,0 +1,174 @@
+"""The panel's GLB: a valid file whose surface, grid and frames follow the shape and the colours that were asked for."""
+
+import io
+import json
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh.visual import ColorVisuals
+
+from flutterviz import colormap
+from flutterviz.surface import DisplayGrid, SurfacePacker, anchor_glb, to_trimesh
+
+GRID = DisplayGrid(length=0.5, width=0.4, nx=24, ny=6)
+PATCHED = (20, 21, 26, 27, 143)
+X, Y = np.meshgrid(GRID.x * GRID.scale, GRID.y * GRID.scale, indexing="ij")
+SHAPE = np.sin(2 * np.pi * X) * np.sin(np.pi * Y / 0.8)
+HEIGHT = 0.1 * SHAPE
+FLOAT = 1e-6  # heights are packed as float32
+LIFT = 1.1e-3  # the highest that a frame floats over the surface
+
+
+@dataclass(frozen=True)
+class Glb:
+    """A GLB taken apart by the specification, with no library in between."""
+
+    document: dict[str, Any]
+    position: np.ndarray
+    colour: np.ndarray
+    faces: np.ndarray
+
+
+def read(data: bytes) -> Glb:
+    magic, version, total, text_size, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, total, kind) == (b"glTF", 2, len(data), b"JSON")
+    document = json.loads(data[20 : 20 + text_size])
+    size, kind = struct.unpack_from("<I4s", data, 20 + text_size)
+    assert kind == b"BIN\0"
+    binary = data[28 + text_size :]
+    assert size == len(binary) == document["buffers"][0]["byteLength"]
+
+    def array(accessor: int, columns: int) -> np.ndarray:
+        entry = document["accessors"][accessor]
+        view = document["bufferViews"][entry["bufferView"]]
+        dtype = {5126: "<f4", 5123: "<u2", 5125: "<u4"}[entry["componentType"]]
+        width = 1 if entry["type"] == "SCALAR" else columns
+        flat = np.frombuffer(binary, dtype, entry["count"] * width, view["byteOffset"])
+        assert flat.nbytes <= view["byteLength"]
+        return flat.reshape(-1, columns)
+
+    return Glb(document, array(0, 3), array(1, 4), array(2, 3).astype(int))
+
+
+@pytest.mark.parametrize("patched", [(), PATCHED, tuple(range(144))], ids=["bare", "some", "all"])
+def test_the_file_is_sound(patched: tuple[int, ...]) -> None:
+    glb = read(SurfacePacker(GRID, patched).pack(HEIGHT, SHAPE))
+    assert len(glb.position) == len(glb.colour)
+    assert set(np.unique(glb.faces)) == set(range(len(glb.position)))  # every index in range, no vertex idle
+    bounds = glb.document["accessors"][0]
+    np.testing.assert_array_equal(np.float32(bounds["min"]), glb.position.min(axis=0))
+    np.testing.assert_array_equal(np.float32(bounds["max"]), glb.position.max(axis=0))
+    assert glb.document["materials"][0]["doubleSided"]
+    assert "KHR_materials_unlit" in glb.document["materials"][0]["extensions"]
+
+
+def test_many_vertices_take_wider_indices() -> None:
+    grid = DisplayGrid(1.0, 1.0, nx=48, ny=12, per_x=8, per_y=16)
+    glb = read(SurfacePacker(grid).pack(np.zeros(grid.shape), np.zeros(grid.shape)))
+    assert glb.document["accessors"][2]["componentType"] == 5125
+    assert glb.faces.max() == len(glb.position) - 1 > 65535
+
+
+def test_trimesh_opens_it_and_the_bounding_box_follows_the_shape() -> None:
+    packer = SurfacePacker(GRID, PATCHED)
+    for amplitude in (0.0, 0.1, 0.3):
+        scene = trimesh.load_scene(io.BytesIO(packer.pack(amplitude * SHAPE, SHAPE)), file_type="glb")
+        low, high = scene.bounds
+        np.testing.assert_allclose([low[:2], high[:2]], [[0.0, 0.0], [1.0, 0.8]], atol=2e-3)  # half a grid line
+        assert low[2] == pytest.approx(-amplitude, abs=LIFT)
+        assert high[2] == pytest.approx(amplitude, abs=LIFT)
+
+
+def test_every_vertex_lies_on_the_deformed_panel() -> None:
+    packer = SurfacePacker(GRID, PATCHED)
+    slope = np.array([0.3, -0.2])
+    position = read(packer.pack(X * slope[0] + Y * slope[1], SHAPE)).position
+    inside = np.clip(position[:, :2], [0.0, 0.0], [1.0, 0.8])  # the outermost grid lines reach over the rim
+    distance = position[:, 2] - inside @ slope
+    bare = len(read(SurfacePacker(GRID).pack(HEIGHT, SHAPE)).position)
+    assert np.abs(distance[:bare]).max() < FLOAT
+    assert np.abs(distance).max() < LIFT
+    assert np.abs(distance[bare:]).min() > 0.3 * LIFT  # frames never touch the surface
+    assert (distance[bare:] > 0).sum() == (distance[bare:] < 0).sum()  # seen from above and from below
+
+
+def test_faces_look_up_and_cover_the_panel_once() -> None:
+    glb = read(SurfacePacker(GRID).pack(HEIGHT, SHAPE))
+    a, b, c = (glb.position[glb.faces[:, k], :2].astype(float) for k in range(3))
+    areas = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(0.8, rel=5e-3)  # and the half line over the rim
+
+
+def test_surface_vertices_carry_the_scale_and_lines_do_not() -> None:
+    packer = SurfacePacker(GRID)
+    low, high = (read(packer.pack(HEIGHT, np.full(GRID.shape, value))).colour for value in (-1.0, 1.0))
+    moved = (low != high).any(axis=1)
+    np.testing.assert_array_equal(np.unique(low[moved], axis=0), colormap.gltf_rgba([-1.0]))
+    np.testing.assert_array_equal(np.unique(high[moved], axis=0), colormap.gltf_rgba([1.0]))
+    assert len(np.unique(low[~moved], axis=0)) == 1
+    assert moved.sum() >= GRID.shape[0] * GRID.shape[1]
+
+
+def test_a_toggled_patch_changes_only_the_frames() -> None:
+    bare, some = (read(SurfacePacker(GRID, patched).pack(HEIGHT, SHAPE)) for patched in ((), (20,)))
+    vertices, faces = len(bare.position), len(bare.faces)
+    np.testing.assert_array_equal(some.position[:vertices], bare.position)
+    np.testing.assert_array_equal(some.colour[:vertices], bare.colour)
+    np.testing.assert_array_equal(some.faces[:faces], bare.faces)
+    frame = some.position[vertices:, :2] / (GRID.scale * np.array([0.5 / 24, 0.4 / 6]))  # in elements
+    assert (frame.min(axis=0) >= np.array([3, 2]) - 1e-5).all()  # element 20 = 3 * 6 + 2
+    assert (frame.max(axis=0) <= np.array([4, 3]) + 1e-5).all()
+
+
+def test_a_frame_is_equally_wide_on_all_sides() -> None:
+    position = read(SurfacePacker(GRID, (0,)).pack(np.zeros(GRID.shape), SHAPE)).position
+    bare = len(read(SurfacePacker(GRID).pack(HEIGHT, SHAPE)).position)
+    frame = position[bare:]
+    for level in np.unique(frame[:, 2]):
+        ring = frame[frame[:, 2] == level, :2]
+        outer, inner = ring[: len(ring) // 2], ring[len(ring) // 2 :]
+        widths = [*(inner.min(axis=0) - outer.min(axis=0)), *(outer.max(axis=0) - inner.max(axis=0))]
+        assert np.ptp(widths) < FLOAT
+        assert 0.1 / 24 < widths[0] < 0.25 / 24
+
+
+def test_numbers_that_are_not_finite_still_make_a_file() -> None:
+    z, values = HEIGHT.copy(), SHAPE.copy()
+    z[5, 5], z[6, 6], z[7, 7], values[9, 9] = np.nan, np.inf, 1e300, np.nan
+    glb = read(SurfacePacker(GRID, PATCHED).pack(z, values))
+    assert np.isfinite(glb.position).all()
+    missing = (glb.colour == colormap.gltf_rgba([np.nan])[0]).all(axis=1)
+    assert 1 <= missing.sum() <= 4  # the node itself and what a grid line beside it repeats
+
+
+def test_what_does_not_fit_the_mesh_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"no such elements: \[144\]"):
+        SurfacePacker(GRID, (3, 144))
+    with pytest.raises(ValueError, match=r"must both have the grid's \(97, 49\)"):
+        SurfacePacker(GRID).pack(HEIGHT.T, SHAPE)
+
+
+def test_the_anchor_shares_material_and_vertex_format_and_is_small() -> None:
+    anchor, frame = read(anchor_glb()), read(SurfacePacker(GRID).pack(HEIGHT, SHAPE))
+    assert anchor.document["materials"] == frame.document["materials"]
+    assert anchor.document["meshes"] == frame.document["meshes"]
+    assert len(anchor_glb()) < 4000
+
+
+def test_the_exported_mesh_has_the_grid_its_heights_and_its_colours() -> None:
+    mesh = to_trimesh(GRID, HEIGHT, SHAPE)
+    assert mesh.vertices.shape == (97 * 49, 3)
+    assert mesh.faces.shape == (2 * 96 * 48, 3)
+    np.testing.assert_allclose(mesh.vertices[:, 2], HEIGHT.ravel())
+    assert mesh.face_normals[:, 2].min() > 0
+    assert isinstance(mesh.visual, ColorVisuals)
+    np.testing.assert_array_equal(mesh.visual.vertex_colors[:, :3], colormap.display_rgb(SHAPE.ravel()))
+    data = mesh.export(file_type="glb")
+    assert isinstance(data, bytes)
+    again = trimesh.load_mesh(io.BytesIO(data), file_type="glb")
+    assert again.faces.shape == mesh.faces.shape
