@@ -1,4 +1,4 @@
-"""Owns the wiring of the explorer and its loop: the only file that knows session, scene, widgets and recording at once."""
+"""Owns the wiring of the explorer and its loop: the only file that knows session, scene, widgets and recording."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Explorer:
 
     # --- callbacks: other threads ------------------------------------------------------------------------------------
 
-    async def _clicked(self, event: viser.SceneClickEvent) -> None:
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
         grid, height = self.session.rig.grid, self.scene.height
         mesh = Mesh.of(self.session.design.panel, self.session.design.mesh)
         element = picked_element(mesh, grid, height, np.array(event.ray_origin), np.array(event.ray_direction))
@@ -157,9 +157,9 @@ class Explorer:
         session, rig = self.session, self.session.rig
         w = rig.displacement(session.state) / rig.thickness
         # patches are drawn as wanted, at once; the model follows within a few frames
-        patched = session.design.patches.elements if session.design.mesh == rig.design.mesh else rig.design.patches.elements
+        wanted = session.design if session.design.mesh == rig.design.mesh else rig.design
         with self.server.atomic():
-            self.scene.rebuild(rig.grid, patched)
+            self.scene.rebuild(rig.grid, wanted.patches.elements)
             self.scene.show(w, rig.thickness)
             if self._frame % PLOT_EVERY == 0:
                 span = max(PLOT_CYCLES * session.period, min(PLOT_SECONDS * self.clock.rate, 0.5))

@@ -16,11 +16,14 @@ from rich.table import Table
 
 from flutterviz.arguments import parsed, parsed_on_design
 from solver import ControlError, Design, FlutterFacts, RunFacts, flutter_facts, nfcg, run_facts
+from solver.mesh import Floats
 
 USER_ERROR = 2
 """Exit code for input that cannot be used."""
 
-DesignName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="DESIGN", help="A preset's name or a JSON file.")]
+DesignName = Annotated[
+    str, tyro.conf.Positional, tyro.conf.arg(metavar="DESIGN", help="A preset's name or a JSON file.")
+]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 JsonFlag = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="Print one JSON object on stdout.")]
 RrdFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE.rrd", help="A recording.")]
@@ -55,7 +58,7 @@ class Simulate:
 
     design: DesignName
     save: Path | None = None
-    """Write the run to a file, .npz, .csv or .rrd by its ending."""
+    """Write the run to a file, .npz, .csv, .rrd or .glb by its ending."""
     json: JsonFlag = False
 
 
@@ -83,7 +86,8 @@ class Replay:
 
 COMMANDS = {"view": View, "flutter": Flutter, "simulate": Simulate, "nfcg": Nfcg, "check": Check, "replay": Replay}
 
-OUT, ERR = Console(), Console(stderr=True)
+# wide enough for a table's rows where the output goes into a file
+OUT, ERR = Console(width=None if sys.stdout.isatty() else 140), Console(stderr=True)
 
 
 def main() -> None:
@@ -212,7 +216,9 @@ def _print_run(design: Design, facts: RunFacts) -> None:
     state = "passive" if facts.passive else "flutters" if facts.flutters else "stable"
     table.add_row("state", "diverged" if facts.diverged else state)
     table.add_row("λ_cr with patches", _number(facts.lambda_cr, ".2f", "none"))
-    table.add_row("damping time", _number(facts.damping_time_s, ".4f s", "never in this run" if facts.flutters else "–"))
+    table.add_row(
+        "damping time", _number(facts.damping_time_s, ".4f s", "never in this run" if facts.flutters else "–")
+    )
     table.add_row("limit cycle, w/h at 0.75 a", _number(facts.lco_amplitude_over_h, ".4f", "–"))
     table.add_row("limit cycle frequency", _number(facts.lco_frequency_hz, ".2f Hz", "–"))
     table.add_row("participation [%]", "  ".join(f"{p:.1f}" for p in facts.participation_percent[:8]))
@@ -223,7 +229,7 @@ def _print_run(design: Design, facts: RunFacts) -> None:
     OUT.print(table)
 
 
-def _print_nfcg(design: Design, norms: Sequence[float]) -> None:
+def _print_nfcg(design: Design, norms: Floats) -> None:
     table = Table(title=f"NFCG [1000 V/(m·√kg)], rows downstream, λ = {design.flow.dynamic_pressure:g}", box=None)
     for j in range(design.mesh.ny):
         table.add_column(f"j = {j}", justify="right")

@@ -1,4 +1,4 @@
-"""Owns the passage of time: wall time to simulated time by a slow-motion ladder, within what the machine can compute."""
+"""Owns the passage of time: wall to simulated time by a slow-motion ladder, within what the machine can do."""
 
 from __future__ import annotations
 

@@ -86,7 +86,5 @@ class Pluck:
     """Velocity given at the point [m/s]."""
 
 
-Command = (
-    TogglePatch | ClearPatches | SetFlow | LoadDesign | Undo | Redo | Engage | Pause | Step | Reset | Pluck
-)
+Command = TogglePatch | ClearPatches | SetFlow | LoadDesign | Undo | Redo | Engage | Pause | Step | Reset | Pluck
 """Everything that a session carries out."""

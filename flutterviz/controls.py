@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from html import escape
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import viser
 
@@ -14,6 +14,9 @@ from flutterviz.scene import EXAGGERATIONS
 from flutterviz.session import Session
 from flutterviz.status import Status, status_of
 from solver import load_design, preset_names
+
+if TYPE_CHECKING:
+    from viser._messages import HotkeyKey  # viser names its keys nowhere else
 
 Wish = Literal["record", "fit colours", "aim", "theme"] | tuple[Literal["rate", "exaggeration"], float]
 """What a user asks of the page rather than of the panel."""
@@ -41,11 +44,11 @@ class Controls:
         gui = server.gui
         gui.set_panel_label("flutterviz")
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(310)
+        gui.main_panel.set_width(300)
         gui.add_html(f'<div style="font-size:.85em;opacity:.8;padding:2px 6px">{HELP}</div>')
         self._status = gui.add_html("")
         self._engage = gui.add_button("Engage controller (C)", icon=viser.Icon.PLAYER_PLAY, hint=ENGAGE_HINT)
-        self._pluck = gui.add_button("Pluck the panel (K)", color="gray", hint="Push it at a point off its lines of symmetry")
+        self._pluck = gui.add_button("Pluck the panel (K)", color="gray", hint="Push it off its lines of symmetry")
         self._motion = gui.add_button_group("Motion", MOTIONS, hint="Keys: space, N, R")
         self._pressure = gui.add_slider(
             "λ",
@@ -63,17 +66,18 @@ class Controls:
         )
         self._legend = gui.add_html(legend)
         with gui.add_folder("Patches"):
-            self._preset = gui.add_dropdown("Preset", ["as edited", *preset_names()], hint="Load a design; undo goes back")
-            self._edit = gui.add_button_group("Change", EDITS, hint="Every change of the design can be undone: keys U, Y")
+            self._preset = gui.add_dropdown("Preset", ["as edited", *preset_names()], hint="Load a design")
+            self._edit = gui.add_button_group("Change", EDITS, hint="Keys U and Y undo and redo")
             self._facts = gui.add_html("")
         with gui.add_folder("View and recording", expand_by_default=False):
             self._height = gui.add_dropdown(
-                "Height ×", [f"{e}" for e in EXAGGERATIONS], initial_value="20", hint="Exaggeration of the displacement"
+                "Height ×", [f"{e}" for e in EXAGGERATIONS], initial_value="20", hint="Exaggeration of w"
             )
-            self._view = gui.add_button_group("View", VIEWS, hint="Fit the colour scale to the motion; show all; dark mode")
-            self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, hint="Write a rerun recording (.rrd)")
+            self._view = gui.add_button_group("View", VIEWS, hint="Colour scale to the motion; camera; theme")
+            self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, hint="Write a recording (.rrd)")
             self._recording = gui.add_html("")
         self._connect(gui)
+        self.follow(session)
 
     def _connect(self, gui: viser.GuiApi) -> None:
         """Let every widget and key send what it means. Callbacks are coroutines: these keep their order."""
@@ -123,7 +127,7 @@ class Controls:
         async def _(_: object) -> None:
             send("record")
 
-        for label, key, action in (
+        keys: tuple[tuple[str, HotkeyKey, do.Command], ...] = (
             ("Engage or release the controller", "C", do.Engage()),
             ("Pause or continue", "space", do.Pause()),
             ("Step one picture", "N", do.Step()),
@@ -131,10 +135,11 @@ class Controls:
             ("Reset the motion", "R", do.Reset()),
             ("Undo", "U", do.Undo()),
             ("Redo", "Y", do.Redo()),
-        ):
+        )
+        for label, key, action in keys:
             self._add_key(gui, label, key, action)
 
-    def _add_key(self, gui: viser.GuiApi, label: str, key: viser.HotkeyKey, action: do.Command) -> None:
+    def _add_key(self, gui: viser.GuiApi, label: str, key: HotkeyKey, action: do.Command) -> None:
         handle = gui.add_command(label, hotkey=key)
 
         @handle.on_trigger
@@ -151,6 +156,7 @@ class Controls:
         if self._engage.label != label:
             self._engage.label = label
             self._engage.color = "red" if engaged else None
+            self._engage.icon = viser.Icon.PLAYER_STOP if engaged else viser.Icon.PLAYER_PLAY
         if recording is None:
             self._record.label = "Record"
             _write(self._recording, "")
@@ -179,6 +185,8 @@ MOTIONS = ("Pause", "Step", "Reset")
 EDITS = ("Undo", "Redo", "Clear")
 VIEWS = ("Fit colours", "Show all", "Dark")
 VIEW_WISHES: dict[str, Wish] = {"Fit colours": "fit colours", "Show all": "aim", "Dark": "theme"}
+NUMBER = "text-align:right;font-variant-numeric:tabular-nums"
+TABLE = "display:grid;grid-template-columns:1fr auto;font-size:.85em;gap:1px 8px;margin-top:4px"
 SMALL = "font-size:.8em;opacity:.85;padding:2px 6px"
 
 
@@ -217,12 +225,11 @@ def _status_card(status: Status, session: Session, clock: Clock, pages: int) -> 
         ("λ / λ_cr", ratio),
         ("growth rate", f"{status.growth:+.1f} /s"),
         ("damping time", damping),
-        ("largest |w| / h", f"{session.largest:.4f}"),
+        ("largest |w| / h", f"{session.amplitude:.4f}"),
         ("time", f"{1e3 * session.time:.1f} ms"),
     )
     cells = "".join(
-        f'<span style="opacity:.7">{escape(name)}</span><span style="text-align:right;font-variant-numeric:tabular-nums">'
-        f"{escape(value)}</span>"
+        f'<span style="opacity:.7">{escape(name)}</span><span style="{NUMBER}">{escape(value)}</span>'
         for name, value in rows
     )
     return (
@@ -231,7 +238,7 @@ def _status_card(status: Status, session: Session, clock: Clock, pages: int) -> 
         f'<div style="font-weight:650;font-size:1.05em"><span style="color:{colour}">{status.icon}</span> '
         f"{escape(status.word)}</div>"
         f'<div style="font-size:.85em;opacity:.85;min-height:2.4em">{escape(status.detail)}</div>'
-        f'<div style="display:grid;grid-template-columns:1fr auto;font-size:.85em;gap:1px 8px;margin-top:4px">{cells}</div>'
+        f'<div style="{TABLE}">{cells}</div>'
         f'<div style="font-size:.75em;opacity:.65;margin-top:4px">{escape(" · ".join(tags))}</div></div>'
     )
 

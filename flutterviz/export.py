@@ -1,4 +1,4 @@
-"""Owns runs as files: NPZ and CSV, which stay readable for good, and rerun recordings for replay."""
+"""Owns runs as files: NPZ and CSV, which stay readable for good, rerun recordings for replay, GLB for pictures."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from flutterviz import colormap
+from flutterviz.surface import DisplayGrid, to_trimesh
 from solver import Trace, design_to_json
+from solver.mesh import Floats
 
-ENDINGS = (".npz", ".csv", ".rrd")
+ENDINGS = (".npz", ".csv", ".rrd", ".glb")
+EXAGGERATION = 20.0  # of the displacement in pictures
 PLAYED_FRAMES = 5e-4  # s of simulated time from picture to picture of a recording: 11 in a cycle of seed flutter
 
 
@@ -25,10 +29,11 @@ def check_target(path: Path) -> None:
 
 
 def save_trace(trace: Trace, path: Path) -> None:
-    """Write a run.
+    """Write a run, in the form that the file's ending asks for.
 
     NPZ holds `time` [s], `probe` and `largest` (w/h), `q`, `q_rate`, `volts` [V] and `design` (JSON). CSV has a row a
-    sample: time, w/h at the probe, largest |w|/h, voltages, modal amplitudes.
+    sample: time, w/h at the probe, largest |w|/h, voltages, modal amplitudes. RRD is a recording for replay; GLB the
+    surface at its largest deflection, drawn 20 times too high.
 
     Raises:
         OSError: the file cannot be written.
@@ -36,6 +41,9 @@ def save_trace(trace: Trace, path: Path) -> None:
     check_target(path)
     if path.suffix == ".rrd":
         _save_recording(trace, path)
+        return
+    if path.suffix == ".glb":
+        _save_surface(trace, path)
         return
     n = trace.plant.size
     if path.suffix == ".npz":
@@ -57,14 +65,24 @@ def save_trace(trace: Trace, path: Path) -> None:
     np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
 
 
-def _save_recording(trace: Trace, path: Path) -> None:
-    from flutterviz import colormap
-    from flutterviz.recording import Recording
-    from flutterviz.surface import DisplayGrid
-
+def _display(trace: Trace) -> tuple[DisplayGrid, Floats]:
+    """The display grid of a run, and the mode shapes (nvx·nvy, n) on it."""
     design, plant = trace.plant.design, trace.plant
     grid = DisplayGrid(design.panel.length, design.panel.width, design.mesh.nx, design.mesh.ny)
-    shapes = plant.model.sampled(grid.per_x, grid.per_y).reshape(-1, plant.size)
+    return grid, plant.model.sampled(grid.per_x, grid.per_y).reshape(-1, plant.size)
+
+
+def _save_surface(trace: Trace, path: Path) -> None:
+    grid, shapes = _display(trace)
+    w = (shapes @ trace.amplitudes[int(np.argmax(trace.largest))]).reshape(grid.shape)
+    to_trimesh(grid, w * grid.scale * EXAGGERATION, w / np.abs(w).max()).export(path)
+
+
+def _save_recording(trace: Trace, path: Path) -> None:
+    from flutterviz.recording import Recording  # late: rerun is slow to import, and few runs are recorded
+
+    design, plant = trace.plant.design, trace.plant
+    grid, shapes = _display(trace)
     limit = 1.2 * float(trace.largest.max()) * design.panel.thickness
     with Recording(
         path,
@@ -73,7 +91,7 @@ def _save_recording(trace: Trace, path: Path) -> None:
         nx=grid.nx,
         ny=grid.ny,
         voltage_limit=design.control.voltage_limit,
-        exaggeration=20.0,
+        exaggeration=EXAGGERATION,
     ) as recording:
         recording.design(0.0, design_to_json(design))
         recording.patches(0.0, design.patches.elements)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 ROWS = 6000
 CHANNELS_KEPT = 6  # voltages shown; more lines than that say nothing
@@ -20,7 +20,7 @@ class History:
         self._rows = np.empty((0, 3 + CHANNELS_KEPT + modes))
 
     def append(self, times: Floats, probe: Floats, largest: Floats, volts: Floats, modal: Floats) -> None:
-        """Add rows: times (k,) [s], w at the probe and largest |w| (k,) over h, volts (k, channels), modal (k, modes)."""
+        """Add k rows: times [s], w at the probe and largest |w| over h, volts (k, channels), modal (k, modes)."""
         kept = np.full((len(times), CHANNELS_KEPT), np.nan)
         shown = min(CHANNELS_KEPT, volts.shape[1])
         kept[:, :shown] = volts[:, :shown]

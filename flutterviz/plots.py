@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 import viser.uplot as uplot
+from numpy.typing import NDArray
 
 from flutterviz.history import CHANNELS_KEPT, History
 
@@ -12,7 +13,7 @@ POINTS = 450  # on a line; more than a docked panel has pixels
 MODES_SHOWN = 5
 COLOURS = ("#4c9be8", "#ff9f40", "#5cb85c", "#d65db1", "#9675de", "#40bfbf")
 LIMIT_COLOUR = "#d64541"
-HEIGHT = 178
+HEIGHT = 156
 
 
 class Plots:
@@ -59,7 +60,7 @@ class Plots:
                 height=HEIGHT,
             )
         self._panel.dock_left()
-        self._panel.set_width(300)
+        self._panel.set_width(270)
 
     @staticmethod
     def _volts_title(limit: float) -> str:
@@ -75,13 +76,13 @@ class Plots:
         ms = 1e3 * rows.times
         start = max(ms[-1] - 1e3 * span, 0.0)  # the first moments fill the plot from the left
         window = (start, start + 1e3 * span)
-        self._probe.data = (ms, rows.probe.copy())
+        self._probe.data = _data(ms, rows.probe)
         self._probe.scales = _scales(_symmetric(rows.probe, 0.1), window)
         self._choose_modes(rows)
-        self._modes.data = (ms, *(rows.modal[:, k].copy() for k in self._shown))
+        self._modes.data = _data(ms, *(rows.modal[:, k] for k in self._shown))
         self._modes.scales = _scales(_symmetric(rows.modal, 0.1), window)
         ends = np.full(len(ms), limit)
-        self._volts.data = (ms, *rows.volts.T.copy(), ends, -ends)
+        self._volts.data = _data(ms, *rows.volts.T, ends, -ends)
         self._volts.scales = _scales((-1.15 * limit, 1.15 * limit), window)
         if limit != self._limit:
             self._limit = limit
@@ -103,6 +104,11 @@ class Plots:
         self._shown = self._shown[:count]
 
 
+def _data(*columns: NDArray[np.floating]) -> tuple[NDArray[np.float64], ...]:
+    """Columns as uPlot takes them: each contiguous and of its own."""
+    return tuple(np.array(column, dtype=np.float64) for column in columns)
+
+
 def _line(label: str, colour: str, width: float = 1.5) -> uplot.Series:
     return uplot.Series(label=label, stroke=colour, width=width, points={"show": False})
 
@@ -115,11 +121,11 @@ def _scales(y: tuple[float, float] = (-1.0, 1.0), x: tuple[float, float] = (0.0,
 
 
 def _axes() -> tuple[uplot.Axis, ...]:
-    muted = "#8a93a3"
-    grid = {"stroke": "#8a93a340", "width": 1}
+    muted, faint = "#8a93a3", "#8a93a340"
+    grid, ticks = uplot.Axis_Grid(stroke=faint, width=1), uplot.Axis_Ticks(stroke=faint, width=1)
     return (
-        uplot.Axis(stroke=muted, grid=grid, ticks=grid, size=28, font="11px system-ui"),
-        uplot.Axis(stroke=muted, grid=grid, ticks=grid, size=42, font="11px system-ui"),
+        uplot.Axis(stroke=muted, grid=grid, ticks=ticks, size=28, font="11px system-ui"),
+        uplot.Axis(stroke=muted, grid=grid, ticks=ticks, size=42, font="11px system-ui"),
     )
 
 
@@ -128,4 +134,4 @@ def _symmetric(values: np.ndarray, least: float) -> tuple[float, float]:
     top = max(float(np.nanmax(np.abs(values), initial=0.0)), least)
     step = 10.0 ** np.floor(np.log10(top))
     top = next(step * m for m in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if step * m >= top * 0.999)
-    return -top, top
+    return -1.1 * top, 1.1 * top  # room for the outermost tick's text

@@ -13,7 +13,7 @@ from solver import ControlError, Design, Loop, Plant, Regulator
 from solver.simulate import SAMPLE, first_mode_at_rest
 from solver.trace import probe_shapes
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 SETTLING = 0.3  # s of motion computed before the page opens: the panel is then in full flutter
 
@@ -73,7 +73,9 @@ def rig_of(design: Design, last: Rig | None = None) -> Rig:
         regulator = Regulator.of(plant)
     except ControlError as error:
         refusal = str(error)
-        regulator = Regulator(np.zeros((len(plant.channels), 2 * plant.size)), design.control.voltage_limit, plant.growth)
+        regulator = Regulator(
+            np.zeros((len(plant.channels), 2 * plant.size)), design.control.voltage_limit, plant.growth
+        )
     _ = plant.model.cubic, plant.critical  # computed here, where waiting does no harm
     grid = DisplayGrid(design.panel.length, design.panel.width, design.mesh.nx, design.mesh.ny)
     keep = last if same else None
@@ -96,7 +98,7 @@ def _bare_critical(design: Design) -> float | None:
 
 
 def in_flutter(rig: Rig) -> Floats:
-    """(2n,) state after the panel was left to itself for a while from a small start: on the limit cycle, if there is one."""
+    """(2n,) state after a small start and a while left to itself: on the limit cycle, if there is one."""
     start = first_mode_at_rest(rig.plant, rig.design.run.initial_amplitude * rig.thickness)
     states, _ = rig.loop.stretch(start, SAMPLE, round(SETTLING / SAMPLE), engaged=False)
     return states[-1].copy() if len(states) and rig.plant.growth.real > 0 else start

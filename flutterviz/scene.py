@@ -13,12 +13,12 @@ from flutterviz.rig import Rig
 from flutterviz.surface import DisplayGrid, SurfacePacker, anchor_glb
 from solver import Design, Mesh
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 EXAGGERATIONS = (1, 5, 10, 20, 40, 80)
 FIELD_OF_VIEW = math.radians(40)
 TYPICAL_ASPECT = 0.9  # of the free part of a laptop's window between the docked panels
-MARGIN = 1.04  # of the camera's distance over that at which the view just fits
+MARGIN = 1.03  # of the camera's distance over that at which the view just fits
 RAY_SAMPLES = 400  # on the part of a ray that passes the panel; a hit is then refined linearly
 
 
@@ -43,7 +43,9 @@ class Scene:
         self._packer = SurfacePacker(rig.grid, patched)
         self.height = np.zeros(rig.grid.shape)
         rest = np.zeros(rig.grid.shape)
-        self._panel = server.scene.add_glb("/panel", self._packer.pack(rest, rest), cast_shadow=False, receive_shadow=False)
+        self._panel = server.scene.add_glb(
+            "/panel", self._packer.pack(rest, rest), cast_shadow=False, receive_shadow=False
+        )
         self._surroundings(rig.design)
         self._aim_first()
 
@@ -74,20 +76,23 @@ class Scene:
     def view(self, aspect: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Camera position and target at which panel and flow arrow just fit a window of width/height `aspect`."""
         length, width = self._sides
-        points = np.array([(x, y, z) for x in (-0.24 * length, length) for y in (0, width) for z in (-0.12, 0.12)])
-        target = np.array([0.42 * length, 0.5 * width, 0.0])
-        backward = np.array([-0.12, -0.75, 0.66])
+        points = np.array([(x, y, z) for x in (-0.19 * length, length) for y in (0, width) for z in (-0.1, 0.1)])
+        backward = np.array([-0.12, -0.70, 0.72])
         backward /= np.linalg.norm(backward)
         right = np.cross([0, 0, 1], backward)
         right /= np.linalg.norm(right)
         up = np.cross(backward, right)
         tangent = math.tan(FIELD_OF_VIEW / 2)
-        offset = points - target
-        # a point is in view at distance d if its offset across is below tangent·(d - its offset towards the camera)
-        across = np.maximum(np.abs(offset @ right) / max(aspect, 0.1), np.abs(offset @ up)) / tangent
-        distance = float(np.max(across + offset @ backward)) * MARGIN
-        x, y, z = target + distance * backward
-        return (float(x), float(y), float(z)), (float(target[0]), float(target[1]), 0.0)
+        target, distance = np.array([0.4 * length, 0.5 * width, 0.0]), 1.0
+        for _ in range(8):  # fit, centre, and again: both settle within a few turns
+            offset = points - target
+            across, upward, near = offset @ right, offset @ up, offset @ backward
+            # in view at distance d, if the offset across is below tangent·(d - the offset towards the camera)
+            distance = float(np.max(np.maximum(np.abs(across) / max(aspect, 0.1), np.abs(upward)) / tangent + near))
+            x, y = across / (distance - near), upward / (distance - near)
+            target = target + 0.5 * distance * ((x.min() + x.max()) * right + (y.min() + y.max()) * up)
+        eye = target + MARGIN * distance * backward
+        return (float(eye[0]), float(eye[1]), float(eye[2])), (float(target[0]), float(target[1]), float(target[2]))
 
     @property
     def _sides(self) -> tuple[float, float]:
@@ -105,11 +110,11 @@ class Scene:
         centre = np.array([0.5 * length, 0.5 * width, 0.0])
         strokes = []
         for offset in (-0.25, 0.0, 0.25):
-            tip = centre - 0.56 * along + offset * aside
-            strokes += [(tip - 0.16 * along, tip)]
+            tip = centre - 0.55 * along + offset * aside
+            strokes += [(tip - 0.12 * along, tip)]
             strokes += [(tip - 0.045 * along + side * 0.022 * aside, tip) for side in (-1, 1)]
         scene.add_line_segments("/flow", np.array(strokes), (20, 120, 200), thickness=4.0, thickness_units="screen")
-        start = centre - 0.66 * along + 0.31 * aside
+        start = centre - 0.61 * along + 0.31 * aside
         scene.add_label("/flow_name", "flow", position=tuple(start), anchor="bottom-center", font_screen_scale=1.1)
         scene.add_label(
             "/axis_x", "x, downstream", position=(0.5 * length, -0.03, 0.0), anchor="top-center", font_screen_scale=0.9
@@ -133,7 +138,8 @@ class Scene:
         svg = colormap.legend_svg(self.limit, title="displacement w / h")
         note = f"h = {1e3 * thickness:.3g} mm · ends at ±{1e3 * self.limit * thickness:.3g} mm"
         height = f"height × {self.exaggeration:g}"
-        return f'<div style="text-align:center;font-size:0.8em">{svg}<div style="opacity:.75">{note} · {height}</div></div>'
+        text = f'<div style="opacity:.75">{note} · {height}</div>'
+        return f'<div style="text-align:center;font-size:0.8em">{svg}{text}</div>'
 
 
 def pick(grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""Owns the serving of the explorer: the checks before a server starts, what is said on the terminal, and the end of it."""
+"""Owns the serving of the explorer: the checks before it starts, what the terminal is told, and its end."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def serve(design: Design, host: str, port: int, record: Path | None, browse: boo
         session = Session(design)
     with contextlib.redirect_stdout(io.StringIO()):  # viser's own banner; ours says more
         server = viser.ViserServer(host=host, port=port, verbose=False)
-    with contextlib.closing(_Stopper(server)):
+    with contextlib.ExitStack() as ending:
+        ending.callback(server.stop)
         explorer = Explorer(session, server, record)
         url = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"
         ERR.print(f"flutterviz is serving on {url} after {time.perf_counter() - begun:.1f} s (Ctrl-C ends it)")
@@ -57,16 +58,6 @@ def serve(design: Design, host: str, port: int, record: Path | None, browse: boo
         finally:
             explorer.close()
     return 0
-
-
-class _Stopper:
-    """Closes a viser server as a context manager would."""
-
-    def __init__(self, server: object) -> None:
-        self._server = server
-
-    def close(self) -> None:
-        self._server.stop()  # type: ignore[attr-defined]
 
 
 def _refuse_address(host: str, port: int) -> None:

@@ -13,7 +13,7 @@ from flutterviz.rig import Rig, in_flutter, rig_of
 from solver import Design, DesignError
 from solver.simulate import SAMPLE, first_mode_at_rest
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 DIVERGED = 50.0  # largest |w|/h at which a run is stopped: far beyond what plate theory means anything for
 
@@ -138,7 +138,9 @@ class Session:
         if design == self.design:
             return
         pressure = self.design.flow.dynamic_pressure
-        dragging = merge and self._past and not self._future and self._past[-1].with_dynamic_pressure(pressure) == self.design
+        dragging = (
+            merge and self._past and not self._future and self._past[-1].with_dynamic_pressure(pressure) == self.design
+        )
         if not dragging:
             self._past.append(self.design)
         self._future.clear()
@@ -264,10 +266,12 @@ class Session:
         if len(loud):
             self._last_loud = float(times[loud[-1]])
             self.damping_time = None
-        elif self.engaged and self.damping_time is None and self.rig.plant.channels and not self.rig.plant.passive:
-            if self.time - self._last_loud > self.period and self._last_loud > self.engaged_at:
-                self.damping_time = self._last_loud - self.engaged_at
-                self.note(f"damped {self.damping_time:.4f} s after the controller was switched on")
+            return
+        measured = self.damping_time is not None or self._last_loud <= self.engaged_at
+        by_control = self.engaged and bool(self.rig.plant.channels) and not self.rig.plant.passive
+        if by_control and not measured and self.time - self._last_loud > self.period:
+            self.damping_time = self._last_loud - self.engaged_at
+            self.note(f"damped {self.damping_time:.4f} s after the controller was switched on")
 
     @property
     def period(self) -> float:
@@ -276,6 +280,8 @@ class Session:
         return float(2 * np.pi / rate) if rate > 0 else 0.02
 
     @property
-    def largest(self) -> float:
-        """Largest |w| on the panel now, over h [-]."""
-        return float(np.abs(self.rig.coarse @ self.state[: self.rig.plant.size]).max() / self.rig.thickness)
+    def amplitude(self) -> float:
+        """Largest |w| on the panel in the last flutter period, over h [-]."""
+        recent = self.history.since(self.time - self.period).largest
+        now = np.abs(self.rig.coarse @ self.state[: self.rig.plant.size]).max() / self.rig.thickness
+        return float(max(recent.max(initial=0.0), now))

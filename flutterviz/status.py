@@ -51,14 +51,9 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
     if session.error:
         return "Stopped", session.error, "✖", "bad"
     if plant.passive and rig.bare_critical is not None and pressure >= rig.bare_critical:
-        return (
-            "Passive",
-            f"the patches' own stiffness and mass end the flutter: bare λ_cr {rig.bare_critical:.0f}, now {critical:.0f}"
-            if critical
-            else "the patches' own stiffness and mass end the flutter",
-            "◆",
-            "good",
-        )
+        raised = f"{critical:.0f}" if critical else "none"
+        detail = f"the patches end the flutter by stiffness and mass alone: λ_cr {rig.bare_critical:.0f} → {raised}"
+        return "Passive", detail, "◆", "good"
     if plant.growth.real <= 0:
         return "Stable", "below the critical dynamic pressure: every motion dies out", "●", "good"
     if session.engaged and not plant.channels:
@@ -69,12 +64,17 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
         if session.damping_time is not None:
             return "Controlled, quiet", f"damped {session.damping_time:.3f} s after switching on", "✔", "good"
         if rig.loop.regulator.growth.real > 0:
-            return "Controlled in part", "a growing mode is out of these patches' reach; patch off the centre line", "!", "warn"
+            return (
+                "Controlled in part",
+                "a growing mode is out of these patches' reach; patch off the centre line",
+                "!",
+                "warn",
+            )
         saturated = bool(np.any(np.abs(session.volts) >= 0.999 * rig.loop.regulator.limit))
         return "Controlled", "at the voltage limit" if saturated else "damping the flutter", "▼", "calm"
     trend = recent_growth(session)
     if trend is None or abs(trend) <= STEADY:
-        if session.largest < 0.02:
+        if session.amplitude < 0.02:
             return "Flutter growing", "from small beginnings", "▲", "bad"
         return "Limit cycle", "flutter held by the panel's own membrane stretching", "⟳", "warn"
     if trend > 0:
@@ -83,7 +83,7 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
 
 
 def recent_growth(session: Session) -> float | None:
-    """Growth rate of the motion [1/s], from the peaks of the last flutter period and the one before; None if unknown."""
+    """Growth rate of the motion [1/s], by the peaks of the last two flutter periods; None if unknown."""
     period = session.period
     rows = session.history.since(session.time - 2 * period)
     if len(rows) < 8 or rows.times[0] > session.time - 1.8 * period:

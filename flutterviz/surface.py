@@ -13,7 +13,7 @@ from scipy import sparse
 
 from flutterviz import colormap
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 # Lengths in scene units (the panel's longer side is 1).
 _LINE_WIDTH: Final = 0.0018  # about one pixel and a half when the panel fills a laptop's screen

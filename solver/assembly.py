@@ -52,6 +52,7 @@ class Space:
     """What a mesh alone determines: sparsity patterns and the element integrals that laminates then weigh."""
 
     mesh: Mesh
+    """The mesh."""
 
     @cached_property
     def bending(self) -> Pattern:

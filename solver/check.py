@@ -262,7 +262,7 @@ def _static_deflection() -> Iterator[Case]:
 
         found = scipy.optimize.root(lambda y: residual(y * height) / np.abs(load).max(), q / height)
         q = found.x * height
-        deflection = model.at(panel.length / 2, panel.width / 2) @ q / height if found.success else None
+        deflection = float(model.at(panel.length / 2, panel.width / 2) @ q) / height if found.success else None
         yield _case(f"deflection of the centre w/h, p a⁴/(E h⁴) = {pressure}", deflection, reference, 1e-2, "Levy 1942")
 
 

@@ -31,7 +31,7 @@ class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A part of a Design: immutable, and a misspelt field is an error rather than ignored."""
 
 
-class Panel(_Part):
+class Panel(_Part, frozen=True):
     """The bare panel: a flat rectangle of one isotropic material; x runs downstream over its length."""
 
     length: float = 0.3048
@@ -68,7 +68,7 @@ class Panel(_Part):
         )
 
 
-class MeshSize(_Part):
+class MeshSize(_Part, frozen=True):
     """The finite-element mesh: element (i, j) has id i·ny + j, i downstream and j across."""
 
     nx: int = 24
@@ -82,7 +82,7 @@ class MeshSize(_Part):
             _check(value >= 2, name, value, "must be at least 2")
 
 
-class Flow(_Part):
+class Flow(_Part, frozen=True):
     """The supersonic stream over the upper side, by first-order piston theory."""
 
     dynamic_pressure: float = 840.0
@@ -104,7 +104,7 @@ class Flow(_Part):
         _check(-360 <= self.yaw_deg <= 360, "flow.yaw_deg", self.yaw_deg, "must be an angle in degrees")
 
 
-class Patches(_Part):
+class Patches(_Part, frozen=True):
     """The elements that carry a PZT layer on top and bottom, their wiring, and the ceramic."""
 
     elements: tuple[int, ...] = ()
@@ -132,7 +132,7 @@ class Patches(_Part):
         msgspec.structs.force_setattr(self, "elements", tuple(sorted(set(self.elements))))
 
 
-class Control(_Part):
+class Control(_Part, frozen=True):
     """The regulator that drives the patches."""
 
     kind: Literal["lqr", "off"] = "lqr"
@@ -154,7 +154,7 @@ class Control(_Part):
         )
 
 
-class Reduction(_Part):
+class Reduction(_Part, frozen=True):
     """The modal basis that the motion is described in."""
 
     basis: Literal["patched", "family"] = "patched"
@@ -168,7 +168,7 @@ class Reduction(_Part):
             _check(2 <= self.modes <= 120, "reduction.modes", self.modes, "must be from 2 to 120, or all")
 
 
-class Run(_Part):
+class Run(_Part, frozen=True):
     """The seed protocol: start in the first mode, flutter freely, then switch the controller on."""
 
     initial_amplitude: float = 0.1
@@ -188,18 +188,25 @@ class Run(_Part):
         _check(self.control_on >= 0, "run.control_on", self.control_on, "must be a time from 0 on [s]")
 
 
-class Design(_Part):
+class Design(_Part, frozen=True):
     """All that a user chose; everything else in `solver` is a function of it. SI units throughout."""
 
     schema_version: int = SCHEMA_VERSION
     """Version of this file format."""
     panel: Panel = Panel()
+    """The bare panel."""
     mesh: MeshSize = MeshSize()
+    """The finite-element mesh."""
     flow: Flow = Flow()
+    """The stream."""
     patches: Patches = Patches()
+    """The patches and their wiring."""
     control: Control = Control()
+    """The regulator."""
     reduction: Reduction = Reduction()
+    """The modal basis."""
     run: Run = Run()
+    """The run in time."""
 
     def __post_init__(self) -> None:
         """Check what depends on more than one field; each alone was checked by its part."""

@@ -96,8 +96,8 @@ def _leading_damped(stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr
 
     def inverse(state: NDArray[np.complex128]) -> NDArray[np.complex128]:
         x, v = state[:n], state[n:]
-        displacement = factor.solve(-(mass @ (v + shift * x)) - damping @ x)
-        return np.concatenate([displacement, x + shift * displacement])
+        displacement = factor.solve(np.asarray(-(mass @ (v + shift * x)) - damping @ x))
+        return np.concatenate([displacement, x + shift * displacement]).astype(np.complex128)
 
     operator = spla.LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=np.complex128)
     values = shift + 1 / spla.eigs(operator, NEAREST, v0=_start(2 * n).astype(complex), return_eigenvectors=False)
@@ -107,9 +107,9 @@ def _leading_damped(stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr
 def _leading_undamped(stiffness: sp.csr_array, _: sp.csr_array, mass: sp.csr_array, frequency: float) -> complex:
     """As `_leading_damped` without damping, from the eigenvalues -s² of (K, M), half the size and better behaved."""
     factor = spla.splu((stiffness - frequency**2 * mass).tocsc())
-    operator = spla.LinearOperator(mass.shape, matvec=lambda x: factor.solve(mass @ x), dtype=np.float64)
+    operator = spla.LinearOperator(mass.shape, matvec=lambda x: factor.solve(np.asarray(mass @ x)), dtype=np.float64)
     values = frequency**2 + 1 / spla.eigs(operator, NEAREST, v0=_start(mass.shape[0]), return_eigenvectors=False)
-    roots = np.sqrt(-values.astype(complex))
+    roots: NDArray[np.complex128] = np.sqrt(-values.astype(np.complex128))
     return complex(roots[np.argmax(np.abs(roots.real))])
 
 

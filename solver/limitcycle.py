@@ -28,7 +28,7 @@ class LimitCycle:
     participation: Floats
     """(n,) share of each mode, max|q_r| / Σ max|q_s| [%] (the seed's 3.9), q_r scaled by the mode's peak."""
     state: Floats
-    """(2n,) a state on the cycle."""
+    """(2n,) a state on the cycle, amplitudes [m·√kg] and rates [m·√kg/s]."""
 
 
 def limit_cycle(loop: Loop) -> LimitCycle | None:

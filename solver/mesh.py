@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from solver.design import MeshSize, Panel
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 

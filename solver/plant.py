@@ -100,6 +100,8 @@ class Plant:
 
         charge = np.hstack([-self.force.T, np.zeros_like(self.force.T)])
         names = [f"V{k}" for k in range(len(self.channels))]
-        return control.ss(
+        system = control.ss(
             self.system_matrix, self.input_matrix, charge, 0, inputs=names, outputs=[f"Q{k}" for k in range(len(names))]
         )
+        assert isinstance(system, control.StateSpace)  # ss makes other kinds from other arguments
+        return system

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solver.aerodynamics import Stream
 from solver.design import Design
@@ -70,10 +71,10 @@ def flutter_facts(design: Design) -> FlutterFacts:
     )
 
 
-def _roots(model: ModalModel, stream: Stream, value: float) -> np.ndarray:
-    roots = np.linalg.eigvals(system_matrix(model, stream, value))
-    roots = roots[roots.imag >= 0]
-    return roots[np.argsort(roots.imag)]
+def _roots(model: ModalModel, stream: Stream, value: float) -> NDArray[np.complex128]:
+    roots: NDArray[np.complex128] = np.linalg.eigvals(system_matrix(model, stream, value)).astype(np.complex128)
+    upper = roots[np.imag(roots) >= 0]
+    return upper[np.argsort(np.imag(upper))]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from solver.assembly import Pattern, Space
@@ -29,6 +29,7 @@ def nodal(mesh: Mesh, polynomial: Floats) -> Floats:
     return np.column_stack([np.polynomial.polynomial.polyval2d(x, y, c) for c in values]).ravel()
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(-1, 1), min_size=16, max_size=16), POSITION, POSITION, st.integers(0, MESH.elements - 1))
 def test_every_bicubic_is_reproduced(coefficients: list[float], s: float, t: float, element: int) -> None:
     polynomial = np.array(coefficients).reshape(4, 4)
@@ -42,6 +43,7 @@ def test_every_bicubic_is_reproduced(coefficients: list[float], s: float, t: flo
         assert value == pytest.approx(np.polynomial.polynomial.polyval2d(x, y, derived), abs=1e-10)
 
 
+@settings(deadline=None)
 @given(POSITION, POSITION)
 def test_values_are_a_partition_of_unity(s: float, t: float) -> None:
     value = bending_shape(MESH, np.array([s]), np.array([t]))[0]
@@ -58,6 +60,7 @@ def test_functions_interpolate_the_nodal_dofs() -> None:
     np.testing.assert_allclose(identity, np.eye(16), atol=EXACT)
 
 
+@settings(deadline=None)
 @given(POSITION, st.floats(0.01, 10))
 def test_hermite_derivatives_are_derivatives(s: float, size: float) -> None:
     # central differences of a cubic in x = s·size: exact but for the third derivative, 12 h²/6 in s at the most
@@ -66,7 +69,9 @@ def test_hermite_derivatives_are_derivatives(s: float, size: float) -> None:
     for order in (0, 1):
         low, high = hermite(around, size, order) * size**order
         slope = (high - low) / (2 * step)
-        np.testing.assert_allclose(hermite(np.array([s]), size, order + 1)[0] * size ** (order + 1), slope, atol=1e-6 * max(1, size))
+        np.testing.assert_allclose(
+            hermite(np.array([s]), size, order + 1)[0] * size ** (order + 1), slope, atol=1e-6 * max(1, size)
+        )
 
 
 def free_stiffness() -> Floats:
@@ -123,7 +128,9 @@ def test_dofs_belong_to_the_corners_of_their_element() -> None:
         # bending: (node in x, derivative in x, node in y, derivative in y)
         bending = MESH.bending_dofs[e].reshape(2, 2, 2, 2)
         np.testing.assert_array_equal(bending[:, 0, :, 0].ravel(), 4 * nodes)
-        np.testing.assert_array_equal(bending - bending[:, :1, :, :1], np.broadcast_to(np.array([[0, 2], [1, 3]])[:, None], (2, 2, 2, 2)))
+        np.testing.assert_array_equal(
+            bending - bending[:, :1, :, :1], np.broadcast_to(np.array([[0, 2], [1, 3]])[:, None], (2, 2, 2, 2))
+        )
 
 
 def test_deflection_and_slopes_are_continuous_across_elements() -> None:

@@ -12,7 +12,6 @@ from solver import Design, Flow, MeshSize, ModalModel, Panel, critical_pressure
 from solver.aerodynamics import Stream
 from solver.design import Reduction
 from solver.laminate import reference_frequency
-from solver.mesh import Floats
 
 SIZES = (6, 8, 12, 16, 24)
 SLOPE = 3.8  # theory has 4; coarse meshes are not quite there yet
@@ -53,11 +52,11 @@ def galerkin(modes: int) -> float:
     stiffness = np.diag(np.pi**4 * (m**2 + 1.0) ** 2)
 
     def apart(value: float) -> float:
-        roots: Floats = np.linalg.eigvals(stiffness + value * coupling)
+        roots = np.linalg.eigvals(stiffness + value * coupling)
         first, second = roots[np.argsort(roots.real)[:2]]
         return float(((first - second) ** 2).real)  # positive while the two are real, negative once they have met
 
-    return float(scipy.optimize.brentq(apart, 300.0, 600.0, xtol=1e-11))
+    return scipy.optimize.root_scalar(apart, bracket=(300.0, 600.0), xtol=1e-11).root
 
 
 def test_two_modes_of_the_galerkin_solution_are_the_exact_ones() -> None:

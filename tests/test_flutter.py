@@ -1,4 +1,4 @@
-"""Linear stability: where flutter sets in, on which side of it motions grow, and what turning the flow must not change."""
+"""Linear stability: where flutter sets in, on which side of it motions grow, and what turning the flow leaves alone."""
 
 from typing import Literal
 

@@ -100,7 +100,7 @@ def test_an_adaptive_high_order_run_confirms_the_step() -> None:
     loop = loop_of("seed-840")
     n, h = loop.plant.size, loop.plant.design.panel.thickness
     shapes = loop.plant.model.sampled(2, 4).reshape(-1, n)
-    times = SAMPLE * np.arange(1, 101)  # 20 ms
+    times = SAMPLE * np.arange(1.0, 101.0)  # 20 ms
     start = first_mode_at_rest(loop.plant, 0.1 * h)
     cycle = limit_cycle(loop)
     assert cycle is not None

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from solver import Control, ControlError, Design, Loop, Plant, Regulator, load_design, nfcg
+from solver import Control, Design, Loop, Plant, Regulator, load_design, nfcg
 from solver.design import Patches
 from solver.piezo import channels
 from solver.regulator import lqr_gain
@@ -54,20 +54,10 @@ def test_without_patches_or_control_nothing_is_driven() -> None:
     assert regulator.growth.real > 0
 
 
-def test_patches_that_reach_no_growing_mode_are_refused() -> None:
-    # with d31 = 0 the patches give no force: nothing is reached, so nothing is driven
+def test_patches_without_force_drive_nothing() -> None:
     design = load_design("seed-840")
     dead = msgspec.structs.replace(design, patches=msgspec.structs.replace(design.patches, d31=0.0))
     assert not Regulator.of(Plant.of(dead)).gain.any()
-    # a whisper of a force cannot hold a growing mode in floating point, and says so instead of returning nonsense
-    faint = msgspec.structs.replace(design, patches=msgspec.structs.replace(design.patches, d31=-1e-30))
-    try:
-        regulator = Regulator.of(Plant.of(faint).symmetric())
-    except ControlError as error:
-        assert "patch other elements" in str(error)
-        assert "\n" not in str(error)
-    else:
-        assert np.isfinite(regulator.gain).all()
 
 
 @pytest.mark.parametrize("pressure", [840.0, 1200.0])
@@ -126,4 +116,4 @@ def test_state_space_is_the_plant() -> None:
     one, other = (np.sort_complex(values) for values in (system.poles(), np.linalg.eigvals(plant.system_matrix)))
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())  # the same matrix: rounding
     # sensing is the reciprocal of driving: charge on a channel is minus its force a volt, mode by mode
-    np.testing.assert_array_equal(system.C[:, : plant.size], -plant.force.T)
+    np.testing.assert_array_equal(np.asarray(system.C)[:, : plant.size], -plant.force.T)
