@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.mesh import Floats
-from solver.simulate import SAMPLE, Loop, first_mode_at_rest
+from solver.simulate import Loop, first_mode_at_rest
 from solver.trace import Trace
 
+SAMPLE = 5e-5  # s; finer than a run's, or a peak that falls between samples moves by more than NOISE
 WINDOW = 0.1  # s of motion between two looks at the amplitude
-AGREEMENT = 1e-4  # relative change of the amplitude from window to window that counts as converged
-PATIENCE = 60  # windows; slow growth just above λ_cr needs many
+NOISE = 1e-4  # relative change of the amplitude that sampling alone can make
+AGREEMENT = 1e-3  # relative change still to come, were it to go on as it does, that counts as converged
+SMALL = 1e-3  # of h; a motion below it has not begun to be a cycle
+PATIENCE = 150  # windows; slow growth just above λ_cr, or a slow return to symmetry, needs many
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class LimitCycle:
     converged: bool
     """Whether the amplitude came to rest; if not, the figures are those of the last window."""
     amplitude: float
-    """Peak of w at the 0.75 a point over h [-]."""
+    """Peak of |w| at the 0.75 a point over h [-]."""
     frequency: float
     """Frequency by upward crossings of zero [Hz]; 0 if there are fewer than two."""
     participation: Floats
@@ -52,11 +55,25 @@ def limit_cycle(loop: Loop) -> LimitCycle | None:
         state = states[-1]
         trace = Trace(plant, SAMPLE * np.arange(samples), states, volts)
         peaks.append(_peak(trace.probe))
-        settled = len(peaks) > 2 and np.ptp(peaks[-3:]) <= AGREEMENT * peaks[-1]
-        if settled and peaks[-1] > 10 * AGREEMENT:
+        if all(_resting(peaks[: len(peaks) - k]) for k in range(3)):
             return _measured(trace, peaks[-1], state, converged=True)
     assert trace is not None
     return _measured(trace, peaks[-1], state, converged=False)
+
+
+def _resting(peaks: list[float]) -> bool:
+    """Whether the amplitude looks at rest after the last of these windows.
+
+    A small change from window to window is not enough: an amplitude that creeps may have a long way to go. The change
+    still to come is taken as that of a geometric series through the last three of every second window. It is asked of
+    three windows in turn, because just where a fast decay gives way to a slow one the series looks short.
+    """
+    if len(peaks) < 5 or peaks[-1] < SMALL:
+        return False
+    first, second = abs(peaks[-3] - peaks[-5]), abs(peaks[-1] - peaks[-3])
+    if max(first, second) <= NOISE * peaks[-1]:
+        return True
+    return second < first and second * second / (first - second) <= AGREEMENT * peaks[-1]
 
 
 def _measured(trace: Trace, amplitude: float, state: Floats, converged: bool) -> LimitCycle:
@@ -65,12 +82,16 @@ def _measured(trace: Trace, amplitude: float, state: Floats, converged: bool) ->
 
 
 def _peak(values: Floats) -> float:
-    """Largest |value|, by a parabola through the highest sample and its neighbours."""
-    size = np.abs(values)
-    k = int(np.argmax(size[1:-1])) + 1
-    left, top, right = size[k - 1 : k + 2]
+    """Largest |value|: some cycles are not alike in up and down."""
+    return max(_highest(values), _highest(-values))
+
+
+def _highest(values: Floats) -> float:
+    """Highest value, by a parabola through the highest sample and its neighbours."""
+    k = int(np.argmax(values[1:-1])) + 1
+    left, top, right = values[k - 1 : k + 2]
     bend = left - 2 * top + right
-    return float(top - (left - right) ** 2 / (8 * bend)) if bend < 0 else float(size.max())
+    return float(top - (left - right) ** 2 / (8 * bend)) if bend < 0 else float(values.max())
 
 
 def _frequency(times: Floats, values: Floats) -> float:

@@ -16,6 +16,8 @@ from solver.mesh import Bools, Floats
 from solver.piezo import element_forces
 from solver.plant import Plant
 
+STABLE = 1e-9  # of ω1: growth below it is rounding
+
 
 @dataclass(frozen=True)
 class Regulator:
@@ -73,12 +75,20 @@ def lqr_gain(plant: Plant, force: Floats) -> Floats:
     try:
         cost = scipy.linalg.solve_continuous_are(a, b, np.eye(2 * n), effort * np.eye(force.shape[1]))
     except np.linalg.LinAlgError:
-        raise ControlError(
-            "the patches cannot hold the flutter: no regulator exists at "
-            f"λ = {plant.design.flow.dynamic_pressure:g}; patch other elements (the leading third is best) or lower λ"
-        ) from None
-    gain[:, np.tile(reached, 2)] = b.T @ cost / effort * np.concatenate([omega, np.ones(n)])
+        raise _refusal(plant) from None
+    balanced = b.T @ cost / effort
+    # where a force is almost nothing the equation's solver may also return, without a word, what stabilises nothing
+    if leading_eigenvalue(a - b @ balanced).real > STABLE:
+        raise _refusal(plant)
+    gain[:, np.tile(reached, 2)] = balanced * np.concatenate([omega, np.ones(n)])
     return gain
+
+
+def _refusal(plant: Plant) -> ControlError:
+    return ControlError(
+        "the patches cannot hold the flutter: no regulator exists at "
+        f"λ = {plant.design.flow.dynamic_pressure:g}; patch other elements (the leading third is best) or lower λ"
+    )
 
 
 def _reached(plant: Plant, force: Floats) -> Bools:

@@ -1,0 +1,48 @@
+"""Takes README's pictures: the explorer in flutter, and its controller at work. Needs Chromium and the dev extra."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+HERE = Path(__file__).parent
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = ["--no-sandbox", "--disable-background-networking", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+def main() -> None:
+    """Serve the explorer, look at it, and end it."""
+    command = [sys.executable, "-m", "flutterviz", "view", "seed-840", "--no-open", "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
+        assert server.stderr is not None
+        try:
+            url = next(found[1] for line in server.stderr if (found := re.search(r"serving on (\S+)", line)))
+            with sync_playwright() as playwright:
+                browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+                page = browser.new_page(viewport={"width": 1440, "height": 900})
+                page.goto(f"{url}/?fixedDpr=1")
+                picture(page)
+                browser.close()
+        finally:
+            server.terminate()
+
+
+def picture(page: Page) -> None:
+    """The panel in its limit cycle, then half a minute into the control."""
+    page.get_by_text("Limit cycle").wait_for(timeout=60_000)
+    page.locator(".mantine-Notification-closeButton").first.click(timeout=10_000)
+    page.wait_for_timeout(15_000)
+    page.screenshot(path=HERE / "explorer.png")
+    page.keyboard.press("c")
+    page.get_by_text("Release controller").wait_for()
+    page.wait_for_timeout(7_000)
+    page.screenshot(path=HERE / "controlled.png")
+
+
+if __name__ == "__main__":
+    main()
