@@ -44,12 +44,11 @@ class Explorer:
         self._inbox: queue.SimpleQueue[do.Command | Wish] = queue.SimpleQueue()
         self._builder = ThreadPoolExecutor(1, thread_name_prefix="rebuild")
         self._building: Future[Rig] | None = None
-        self._dark = False
         self._frame = 0
         self._shown_design = session.design
         self._recording: Recording | None = None
         self._record_name: str | None = None
-        self._theme()
+        self._theme(dark=False)
         server.gui.set_panel_label("flutterviz")
         self.scene = Scene(server, session.rig, session.design.patches.elements)
         self.plots = Plots(server, session.design.control.voltage_limit)
@@ -119,6 +118,8 @@ class Explorer:
         match wish:
             case ("rate", rate):
                 self.clock.rate = rate
+            case ("dark", on):
+                self._theme(dark=bool(on))
             case ("exaggeration", factor):
                 self.scene.exaggeration = factor
                 self._show_legend()
@@ -130,9 +131,6 @@ class Explorer:
             case "aim":
                 for client in self.server.get_clients().values():
                     self.scene.aim(client)
-            case "theme":
-                self._dark = not self._dark
-                self._theme()
             case "record":
                 self._toggle_recording()
 
@@ -171,9 +169,9 @@ class Explorer:
     def _show_legend(self) -> None:
         self.controls.show_legend(self.scene.legend(self.session.rig.thickness))
 
-    def _theme(self) -> None:
+    def _theme(self, dark: bool) -> None:
         self.server.gui.configure_theme(
-            dark_mode=self._dark, show_logo=False, show_share_button=False, brand_color=(47, 127, 209)
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(47, 127, 209)
         )
 
     # --- recording ---------------------------------------------------------------------------------------------------

@@ -71,7 +71,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Reset:
-    """Start over: at rest in the first mode, controller off, time zero."""
+    """Start over: at rest in the first mode, controller off; simulated time runs on."""
 
 
 @dataclass(frozen=True)

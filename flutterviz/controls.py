@@ -18,7 +18,7 @@ from solver import load_design, preset_names
 if TYPE_CHECKING:
     from viser._messages import HotkeyKey  # viser names its keys nowhere else
 
-Wish = Literal["record", "fit colours", "aim", "theme"] | tuple[Literal["rate", "exaggeration"], float]
+Wish = Literal["record", "fit colours", "aim"] | tuple[Literal["rate", "exaggeration", "dark"], float]
 """What a user asks of the page rather than of the panel."""
 
 PRESSURE_END = 2000.0  # of the λ slider; a design may lie beyond it and then draws it further
@@ -73,7 +73,8 @@ class Controls:
             self._height = gui.add_dropdown(
                 "Height ×", [f"{e}" for e in EXAGGERATIONS], initial_value="20", hint="Exaggeration of w"
             )
-            self._view = gui.add_button_group("View", VIEWS, hint="Colour scale to the motion; camera; theme")
+            self._view = gui.add_button_group("View", VIEWS, hint="Colour scale to the motion; camera to the panel")
+            self._dark = gui.add_checkbox("Dark", False, hint="Dark or light page")
             self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, hint="Write a recording (.rrd)")
             self._recording = gui.add_html("")
         self._connect(gui)
@@ -122,6 +123,11 @@ class Controls:
         @self._view.on_click
         async def _(_: object) -> None:
             send(VIEW_WISHES[self._view.value])
+
+        @self._dark.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                send(("dark", float(self._dark.value)))
 
         @self._record.on_click
         async def _(_: object) -> None:
@@ -183,8 +189,8 @@ class Controls:
 ENGAGE_HINT = "Switch the LQR controller on or off: it drives the patches, up to their voltage limit"
 MOTIONS = ("Pause", "Step", "Reset")
 EDITS = ("Undo", "Redo", "Clear")
-VIEWS = ("Fit colours", "Show all", "Dark")
-VIEW_WISHES: dict[str, Wish] = {"Fit colours": "fit colours", "Show all": "aim", "Dark": "theme"}
+VIEWS = ("Fit colours", "Show all")
+VIEW_WISHES: dict[str, Wish] = {"Fit colours": "fit colours", "Show all": "aim"}
 NUMBER = "text-align:right;font-variant-numeric:tabular-nums"
 TABLE = "display:grid;grid-template-columns:1fr auto;font-size:.85em;gap:1px 8px;margin-top:4px"
 SMALL = "font-size:.8em;opacity:.85;padding:2px 6px"

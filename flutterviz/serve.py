@@ -30,14 +30,13 @@ def serve(design: Design, host: str, port: int, record: Path | None, browse: boo
     _refuse_address(host, port)
     if host not in ("127.0.0.1", "localhost", "::1"):
         ERR.print(f"serving on {host}: anyone who reaches this machine can open and steer the page, without a password")
-    with ERR.status("loading (the first start compiles the solver and takes up to half a minute)"):
-        import viser  # late: it is slow to import, and a wrong port should be told at once
+    ERR.print("building the panel and letting it flutter; the first start also compiles the solver, for some seconds …")
+    import viser  # late: it is slow to import, and a wrong port should be told at once
 
-        from flutterviz.app import Explorer
-        from flutterviz.session import Session
+    from flutterviz.app import Explorer
+    from flutterviz.session import Session
 
-    with ERR.status("building the panel and letting it flutter"):
-        session = Session(design)
+    session = Session(design)
     with contextlib.redirect_stdout(io.StringIO()):  # viser's own banner; ours says more
         server = viser.ViserServer(host=host, port=port, verbose=False)
     with contextlib.ExitStack() as ending:

@@ -1,0 +1,324 @@
+"""The command line: its JSON contract, overrides, files, and every error of a user as one line."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+import solver.check
+from flutterviz.cli import COMMANDS, run
+from solver import Design, design_from_json, load_design, preset_names, save_design
+from solver.check import Case
+
+SIX = ["20", "21", "26", "27", "32", "33"]  # i = 3..5, j = 2..3
+QUICK = ["--reduction.modes", "12", "--run.duration", "0.45"]  # a run's length matters to nothing that is asked here
+
+
+def answer(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
+    """The JSON object that a command prints, alone on stdout."""
+    code = run([*words, "--json"])
+    out, err = capsys.readouterr()
+    assert code == 0, err
+    assert out.count("\n") == 1
+    value = json.loads(out)
+    assert isinstance(value, dict)
+    return value
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one line on stderr with which a command refuses what it was given."""
+    code = run(list(words))
+    out, err = capsys.readouterr()
+    assert code == 2, err
+    assert out == ""
+    assert err.endswith("\n")
+    assert err.count("\n") == 1, err
+    assert err.startswith("flutterviz: ")
+    assert "Traceback" not in err
+    return err
+
+
+# --- flutter ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "expected", "tolerance"),
+    [
+        # independent codes agree on these; the tolerances are theirs
+        (["seed-bare", "--flow.damping", "0"], 512.65, 2e-4),
+        (["seed-bare"], 514.91, 5e-4),
+        (["seed-bare", "--flow.damping", "0", "--reduction.basis", "family", "--reduction.modes", "4"], 505.13, 5e-4),
+        (["seed-840"], 545.8, 3e-3),
+        (["seed-840", "--reduction.modes", "all"], 545.8, 3e-3),
+        (["seed-bare", "--patches.elements", *SIX], 545.8, 3e-3),
+    ],
+)
+def test_critical_pressures(
+    capsys: pytest.CaptureFixture[str], words: list[str], expected: float, tolerance: float
+) -> None:
+    assert answer(capsys, "flutter", *words)["lambda_cr"] == pytest.approx(expected, rel=tolerance)
+
+
+def test_flutter_gives_frequencies_and_roots(capsys: pytest.CaptureFixture[str]) -> None:
+    facts = answer(capsys, "flutter", "seed-bare")
+    assert facts["frequencies_hz"][0] == pytest.approx(65.67, rel=1e-3)  # (1,1) of a simply supported plate
+    assert len(facts["frequencies_hz"]) == 24
+    assert facts["frequencies_hz"] == sorted(facts["frequencies_hz"])
+    assert facts["frequencies_hz"][0] < facts["flutter_frequency_hz"] < facts["frequencies_hz"][-1]
+    assert len(facts["dynamic_pressures"]) == len(facts["growth_rates"]) == len(facts["root_frequencies_hz"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["seed-bare", "--flow.dynamic-pressure", "900"],
+        ["--flow.dynamic-pressure", "900", "seed-bare"],
+        ["--flow.dynamic-pressure=900", "seed-bare"],
+    ],
+)
+def test_an_override_may_stand_before_the_name_and_after(
+    capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    # the sweep ends a quarter above the larger of λ and λ_cr
+    assert answer(capsys, "flutter", *words)["dynamic_pressures"][-1] == pytest.approx(1.25 * 900)
+
+
+def test_every_preset_and_a_file_can_be_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for name in preset_names():
+        path = tmp_path / f"my {name}.json"
+        save_design(load_design(name), path)
+        assert answer(capsys, "flutter", str(path)) == answer(capsys, "flutter", name)
+
+
+# --- simulate ---------------------------------------------------------------------------------------------------------
+
+
+def test_simulate_keeps_its_contract(capsys: pytest.CaptureFixture[str]) -> None:
+    facts = answer(capsys, "simulate", "seed-840")
+    assert 0.05 < facts["damping_time_s"] < 0.2  # the paper has 0.072 and 0.0836 s; the phase at t_on moves it by 30 %
+    assert facts["passive"] is False
+    assert facts["lco_amplitude_over_h"] == pytest.approx(1.05, abs=0.15)  # bare 1.12; patches stiffen the panel
+    assert facts["lco_frequency_hz"] > 65.67
+    assert sum(facts["participation_percent"]) == pytest.approx(100, abs=1e-6)
+    assert facts["peak_voltage_v"] == 228.6
+    assert facts["lambda_cr"] == pytest.approx(545.8, rel=3e-3)
+
+
+def test_a_passive_layout_has_no_damping_time(capsys: pytest.CaptureFixture[str]) -> None:
+    facts = answer(capsys, "simulate", "seed-840", "--flow.dynamic-pressure", "530")
+    assert facts["passive"] is True
+    assert facts["damping_time_s"] is None
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv", "rrd", "glb"])
+def test_a_run_is_saved_and_can_be_read_back(capsys: pytest.CaptureFixture[str], tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"run.{ending}"
+    facts = answer(capsys, "simulate", "seed-840", *QUICK, "--save", str(path))
+    samples = round(0.45 / 2e-4) + 1
+    if ending == "npz":
+        with np.load(path) as run_data:
+            assert run_data["time"].shape == run_data["probe"].shape == run_data["largest"].shape == (samples,)
+            assert run_data["q"].shape == run_data["q_rate"].shape
+            assert run_data["volts"].shape == (samples, 1)
+            assert np.abs(run_data["volts"]).max() == facts["peak_voltage_v"]
+            design = design_from_json(str(run_data["design"]))
+        assert design.run.duration == 0.45
+        assert design.with_reduction("patched", 24).patches == load_design("seed-840").patches
+    elif ending == "csv":
+        table = np.genfromtxt(path, delimiter=",", names=True)
+        assert len(table) == samples
+        assert table["time_s"][-1] == pytest.approx(0.45)
+        assert table["largest_w_over_h"][0] == pytest.approx(0.1, rel=1e-6)  # printed to nine digits
+        assert np.abs(table["volts_1"]).max() == facts["peak_voltage_v"]
+    elif ending == "rrd":
+        assert RrdReader(path).recordings()
+    else:
+        assert path.read_bytes().startswith(b"glTF")
+
+
+# --- nfcg, check ------------------------------------------------------------------------------------------------------
+
+
+def test_nfcg_has_a_number_for_every_element(capsys: pytest.CaptureFixture[str]) -> None:
+    norms = np.array(answer(capsys, "nfcg", "seed-840")["nfcg"])
+    assert norms.shape == (144,)
+    assert (norms > 0).all()
+    across = norms.reshape(24, 6)
+    np.testing.assert_allclose(across, across[:, ::-1], rtol=1e-6)  # the panel's symmetry, to the Riccati solver's digits
+
+
+def cases(ok: bool, value: float | None = 1.0) -> Iterator[Case]:
+    yield Case("first", 2.0, 2.0, 1e-3, True, 1.9, "someone")
+    yield Case("second", value, 1.0, 1e-3, ok, None, "someone else")
+
+
+@pytest.mark.parametrize(("ok", "value", "code"), [(True, 1.0, 0), (False, 2.0, 1), (False, None, 1)])
+@pytest.mark.parametrize("form", [["--json"], []])
+def test_check_prints_its_table_and_exits_by_it(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    ok: bool,
+    value: float | None,
+    code: int,
+    form: list[str],
+) -> None:
+    monkeypatch.setattr(solver.check, "run_checks", lambda: cases(ok, value))
+    assert run(["check", *form]) == code
+    out, _ = capsys.readouterr()
+    if form:
+        table = json.loads(out)["cases"]
+        assert [case["ok"] for case in table] == [True, ok]
+        assert {"name", "value", "reference", "tol", "ok"} <= set(table[0])
+    else:
+        assert f"{1 + ok} of 2 within tolerance" in out
+
+
+# --- for people -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["flutter", "seed-bare"], "514.9"),
+        (["simulate", "seed-840", *QUICK], "damping time"),
+        (["nfcg", "seed-840"], "j = 5"),
+        (["--help"], "simulate"),
+        (["flutter", "--help"], "--flow.dynamic-pressure"),
+        (["simulate", "seed-840", "--help"], "--save"),
+    ],
+)
+def test_without_json_people_are_answered(capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+    assert run(words) == 0
+    out, _ = capsys.readouterr()
+    assert said in out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    assert run([command, "--help"]) == 0
+    out, err = capsys.readouterr()
+    assert f"flutterviz {command}" in out
+    assert err == ""
+
+
+# --- what cannot be used ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["flutter", "simulate", "nfcg", "view"])
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["seed-840", "--patches.elements", "144"], "elements 0 to 143"),
+        (["seed-840", "--patches.elements", "-1"], "elements 0 to 143"),
+        (["seed-840", "--panel.thickness", "-0.001"], "panel.thickness"),
+        (["seed-840", "--flow.dynamic-pressure", "nan"], "flow.dynamic_pressure"),
+        (["seed-840", "--flow.dynamic-pressure", "inf"], "flow.dynamic_pressure"),
+        (["seed-840", "--flow.dynamic-pressure", "much"], "dynamic-pressure"),
+        (["seed-840", "--flow.dynamic-presure", "900"], "--flow.dynamic-pressure"),
+        (["seed-840", "--reduction.modes", "several"], "modes"),
+        (["seed-840", "--control.kind", "pid"], "kind"),
+        (["seed-841"], "seed-840"),
+        (["seed-840", "seed-1200"], "seed-1200"),
+        (["seed-840", "--json", "--flow.dynamic-pressure"], "dynamic-pressure"),
+    ],
+)
+def test_a_bad_design_is_refused_in_one_line(
+    capsys: pytest.CaptureFixture[str], command: str, words: list[str], said: str
+) -> None:
+    assert said in complaint(capsys, command, *words)
+
+
+@pytest.mark.parametrize("text", ["", '{"panel": {"length": 0.3', "[]", '{"panell": {}}', '{"schema_version": 99}'])
+def test_a_bad_file_is_refused_by_its_name(capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str) -> None:
+    path = tmp_path / "mine.json"
+    path.write_text(text)
+    assert "mine.json" in complaint(capsys, "flutter", str(path))
+
+
+def test_a_folder_is_no_design(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    complaint(capsys, "flutter", str(tmp_path))
+
+
+def test_a_command_without_its_design_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "DESIGN" in complaint(capsys, "flutter").upper()
+
+
+@pytest.mark.parametrize("words", [["fluter", "seed-bare"], ["--jsn"], ["seed-84"]])
+def test_what_is_no_command_is_refused(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    complaint(capsys, *words)
+
+
+def test_all_modes_cannot_be_simulated(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "24" in complaint(capsys, "simulate", "seed-840", "--reduction.modes", "all")
+
+
+@pytest.mark.parametrize("name", ["nowhere/run.npz", "run.txt", "run", "folder.npz"])
+def test_a_run_that_cannot_be_saved_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder.npz").mkdir()
+    assert name in complaint(capsys, "simulate", "seed-840", *QUICK, "--save", str(tmp_path / name))
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="permissions do not stop this user")
+def test_a_folder_that_may_not_be_written_to_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    complaint(capsys, "simulate", "seed-840", *QUICK, "--save", str(tmp_path / "run.npz"))
+
+
+def test_a_port_in_use_is_refused_with_a_remedy(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as busy:
+        busy.bind(("127.0.0.1", 0))
+        busy.listen()
+        said = complaint(capsys, "view", "--no-open", "--port", str(busy.getsockname()[1]))
+    assert "--port" in said
+
+
+@pytest.mark.parametrize(
+    "words", [["--port", "70000"], ["--port", "-1"], ["--port", "eighty"], ["--host", "203.0.113.7"]]
+)
+def test_an_address_that_cannot_be_served_on_is_refused(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    complaint(capsys, "view", "--no-open", *words)  # the host is of a range kept for documentation: nobody has it
+
+
+@pytest.mark.parametrize("name", ["nowhere/run.rrd", "run.txt"])
+def test_a_recording_that_cannot_be_written_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str
+) -> None:
+    words = ["--no-open", "--port", "0", "--reduction.modes", "6", "--record", str(tmp_path / name)]
+    assert "cannot record" in complaint(capsys, "view", *words)
+
+
+def test_replay_refuses_what_is_no_recording(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    complaint(capsys, "replay", str(tmp_path / "missing.rrd"))
+
+
+# --- as a process -----------------------------------------------------------------------------------------------------
+
+
+def process(*words: str) -> "subprocess.CompletedProcess[str]":
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    command = [sys.executable, "-m", "flutterviz", *words]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+
+
+def test_a_process_answers_on_stdout_and_exits_with_0(tmp_path: Path) -> None:
+    path = tmp_path / "design.json"
+    save_design(Design(), path)
+    done = process("flutter", str(path), "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["lambda_cr"] == pytest.approx(514.91, rel=5e-4)
+    assert done.stderr == ""
+
+
+def test_a_process_complains_on_stderr_and_exits_with_2() -> None:
+    done = process("simulate", "seed-840", "--patches.elements", "999")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "999" in done.stderr
