@@ -243,7 +243,7 @@ def _status_card(status: Status, session: Session, clock: Clock, pages: int) -> 
         'border-radius:4px;background:rgba(128,136,150,.10)">'
         f'<div style="font-weight:650;font-size:1.05em"><span style="color:{colour}">{status.icon}</span> '
         f"{escape(status.word)}</div>"
-        f'<div style="font-size:.85em;opacity:.85;min-height:2.4em">{escape(status.detail)}</div>'
+        f'<div style="font-size:.85em;opacity:.85;min-height:3em">{escape(status.detail)}</div>'
         f'<div style="{TABLE}">{cells}</div>'
         f'<div style="font-size:.75em;opacity:.65;margin-top:4px">{escape(" · ".join(tags))}</div></div>'
     )

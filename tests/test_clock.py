@@ -1,7 +1,7 @@
 """The clock: wall time to simulated time, what the machine can afford, and what the eye can follow."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flutterviz.clock import BUDGET, FRAME, LADDER, LONGEST, SAMPLES_A_CYCLE, Clock, nearest_rate, rate_name
@@ -18,6 +18,7 @@ def test_the_ladder_climbs_to_real_time() -> None:
 
 
 @given(st.floats(1e-5, 10.0))
+@settings(deadline=None)
 def test_the_first_rate_is_the_rung_nearest_to_a_cycle_in_one_and_a_half_seconds(period: float) -> None:
     rate = nearest_rate(period)
     assert rate in LADDER
@@ -25,6 +26,7 @@ def test_the_first_rate_is_the_rung_nearest_to_a_cycle_in_one_and_a_half_seconds
 
 
 @given(rates, st.lists(st.floats(0.0, LONGEST), min_size=1, max_size=20))
+@settings(deadline=None)
 def test_a_machine_that_keeps_up_gives_wall_time_times_the_rate(rate: float, steps: list[float]) -> None:
     clock, now, given_seconds = Clock(rate), 100.0, 0.0
     assert clock.due(now) == pytest.approx(FRAME * rate)  # the first picture has no predecessor to count from
@@ -37,6 +39,7 @@ def test_a_machine_that_keeps_up_gives_wall_time_times_the_rate(rate: float, ste
 
 
 @given(rates, st.floats(LONGEST, 1e6))
+@settings(deadline=None)
 def test_a_stall_is_not_made_up_for(rate: float, stall: float) -> None:
     clock = Clock(rate)
     clock.due(0.0)
@@ -44,6 +47,7 @@ def test_a_stall_is_not_made_up_for(rate: float, stall: float) -> None:
 
 
 @given(rates)
+@settings(deadline=None)
 def test_time_never_runs_backwards(rate: float) -> None:
     clock = Clock(rate)
     clock.due(10.0)
@@ -51,6 +55,7 @@ def test_time_never_runs_backwards(rate: float) -> None:
 
 
 @given(rates, st.floats(1e-3, 1e3))
+@settings(deadline=None)
 def test_integration_takes_its_share_of_a_frame_at_most(rate: float, cost: float) -> None:
     clock = Clock(rate)
     clock.due(0.0)
@@ -83,6 +88,7 @@ def test_no_time_costs_nothing() -> None:
 
 
 @given(rates, st.floats(1e-4, 1.0))
+@settings(deadline=None)
 def test_fewer_than_eight_pictures_a_cycle_are_called_aliased(rate: float, period: float) -> None:
     assert Clock(rate).aliased(period) == (period / (rate * FRAME) < SAMPLES_A_CYCLE)
 

@@ -30,7 +30,9 @@ class Page:
     def __init__(self, server: viser.ViserServer) -> None:
         self.server = server
         protocol = Subprotocol(f"viser-v{viser.__version__}")
-        self.socket = connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=[protocol], max_size=None, max_queue=None)
+        self.socket = connect(
+            f"ws://127.0.0.1:{server.get_port()}", subprotocols=[protocol], max_size=None, max_queue=None
+        )
         pose: dict[str, Any] = {"wxyz": (1, 0, 0, 0), "position": (0, 0, 3), "look_at": (0, 0, 0)}
         lens = {"fov": 0.7, "near": 0.05, "far": 20.0, "image_height": 700, "image_width": 1000}
         self.send("ViewerCameraMessage", **pose, **lens, up_direction=(0, 1, 0))

@@ -1,13 +1,13 @@
 """The recent past of a run: rows kept, cut, thinned."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from flutterviz.history import CHANNELS_KEPT, ROWS, History
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 
 def column(times: Floats, k: int) -> Floats:
@@ -28,6 +28,7 @@ def filled(*lengths: int, modes: int = 2, channels: int = 1) -> History:
 
 
 @given(st.lists(st.integers(0, 3000), max_size=5))
+@settings(deadline=None)
 def test_the_latest_rows_are_kept_in_order(lengths: list[int]) -> None:
     history, total = filled(*lengths), sum(lengths)
     assert len(history) == min(total, ROWS)
@@ -40,6 +41,7 @@ def test_the_latest_rows_are_kept_in_order(lengths: list[int]) -> None:
 
 
 @given(st.integers(0, CHANNELS_KEPT + 4))
+@settings(deadline=None)
 def test_missing_channels_are_nan_and_surplus_ones_left_out(channels: int) -> None:
     volts = filled(3, channels=channels).volts
     kept = min(channels, CHANNELS_KEPT)
@@ -49,6 +51,7 @@ def test_missing_channels_are_nan_and_surplus_ones_left_out(channels: int) -> No
 
 
 @given(st.integers(0, 50), st.floats(-10, 60))
+@settings(deadline=None)
 def test_since_keeps_the_rows_from_a_time_on(length: int, time: float) -> None:
     history = filled(length)
     np.testing.assert_array_equal(history.since(time).times, [t for t in range(length) if t >= time])
@@ -56,6 +59,7 @@ def test_since_keeps_the_rows_from_a_time_on(length: int, time: float) -> None:
 
 
 @given(st.integers(1, 400), st.integers(1, 60))
+@settings(deadline=None)
 def test_thinned_rows_are_few_even_and_end_with_the_last(length: int, most: int) -> None:
     rows = filled(length).thinned(most).times
     assert 1 <= len(rows) <= most

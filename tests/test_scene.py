@@ -51,6 +51,7 @@ def direction(azimuth: float, elevation: float) -> Floats:
 @pytest.mark.parametrize("grid", [GRID, SHORT])
 @pytest.mark.parametrize("side", [1, -1])
 @given(unit, unit, st.floats(0, 2 * np.pi), st.floats(0.6, 1.5), st.floats(-0.1, 0.1), st.floats(1, 8))
+@settings(deadline=None)
 def test_a_ray_through_a_point_of_the_surface_finds_it(
     grid: DisplayGrid, side: int, s: float, t: float, azimuth: float, elevation: float, rise: float, distance: float
 ) -> None:
@@ -64,6 +65,7 @@ def test_a_ray_through_a_point_of_the_surface_finds_it(
 
 
 @given(st.integers(0, MESH.elements - 1), st.floats(0.1, 0.9), st.floats(0.1, 0.9), st.floats(-0.1, 0.1))
+@settings(deadline=None)
 def test_a_click_well_inside_an_element_names_it(element: int, s: float, t: float, rise: float) -> None:
     i, j = divmod(element, MESH.ny)
     height = wave(GRID, rise)
@@ -73,6 +75,7 @@ def test_a_click_well_inside_an_element_names_it(element: int, s: float, t: floa
 
 
 @given(st.floats(0.3, 0.45), st.floats(0.4, 0.6))
+@settings(deadline=None)
 def test_of_two_flanks_the_nearer_is_hit(s: float, t: float) -> None:
     height = wave(GRID, 0.3)
     point, back = on_surface(GRID, height, s, t), direction(np.pi, 0.45)
@@ -82,6 +85,7 @@ def test_of_two_flanks_the_nearer_is_hit(s: float, t: float) -> None:
 
 
 @given(st.floats(0, 2 * np.pi), st.floats(0.01, 1.0))
+@settings(deadline=None)
 def test_rays_past_the_panel_hit_nothing(azimuth: float, beside: float) -> None:
     height = wave(GRID, 0.1)
     rim = np.array([0.5 + (0.71 + beside) * math.cos(azimuth), 0.5 + (0.71 + beside) * math.sin(azimuth), 2.0])

@@ -132,7 +132,10 @@ class Commands(RuleBasedStateMachine):
 
 
 Commands.TestCase.settings = settings(
-    max_examples=8, stateful_step_count=12, deadline=None, suppress_health_check=list(HealthCheck)
+    max_examples=8,
+    stateful_step_count=12,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
 TestCommands = Commands.TestCase
 
@@ -160,8 +163,8 @@ def test_no_node_jumps_when_a_patch_is_toggled(controlled: bool) -> None:
         session.settle()
         after = field(session.rig, session.state.reshape(2, -1))[0]
         jump = np.abs(after - w)[nodes].max() / FULL.panel.thickness
-        # What 24 modes of another panel cannot say of a motion: over all 144 elements at most 1.5 % in full flutter
-        # and 2.2 % of the momentary |w| at some phases of the controlled motion; of its amplitude less than 2 %.
+        # What 24 modes of another panel cannot say of a motion. Over some 900 random toggles it was at most 1.5 % of
+        # the amplitude; of the momentary |w|, small at some phases, up to 2.2 % in flutter and 3.5 % under control.
         assert jump < 0.02 * session.amplitude, f"element {element}"
         session.adopt(old)
         session.design, session.state = FULL, before.copy()
