@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
+import traceback
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
@@ -20,7 +21,7 @@ from flutterviz.recording import Recording
 from flutterviz.rig import Rig, rig_of
 from flutterviz.scene import Scene, picked_element
 from flutterviz.session import Rows, Session
-from solver import DesignError, Mesh, design_to_json
+from solver import Mesh, design_to_json
 
 PLOT_EVERY = 3  # frames: ten times a second
 TEXT_EVERY = 8  # frames: about four times a second
@@ -73,7 +74,11 @@ class Explorer:
         """Feed the page until `running` is taken away; at most 30 frames a second."""
         due = time.perf_counter()
         while self.running:
-            self.tick()
+            try:
+                self.tick()
+            except Exception as error:  # a page that stands still and says why serves better than one that is gone
+                traceback.print_exc()
+                self.session.stop(f"{type(error).__name__}: {' '.join(str(error).split())}; reset to go on")
             due = max(due + FRAME, time.perf_counter() - FRAME)
             time.sleep(max(0.0, due - time.perf_counter()))
 
@@ -108,10 +113,7 @@ class Explorer:
             if isinstance(wanted, (str, tuple)):
                 self._grant(wanted)
                 continue
-            try:
-                self.session.apply(wanted)
-            except DesignError as error:
-                self.session.note(str(error))
+            self.session.apply(wanted)
 
     def _grant(self, wish: Wish) -> None:
         """Do what concerns the page and not the panel."""
@@ -145,8 +147,8 @@ class Explorer:
                 session.adopt(self._building.result())
                 self.plots.forget_modes()
                 self._show_legend()
-            except DesignError as error:
-                session.refuse(str(error))
+            except (ValueError, ArithmeticError, MemoryError) as error:  # DesignError, LinAlgError and their like
+                session.refuse(f"the change was taken back: {' '.join(str(error).split())}")
             self._building = None
         if session.stale and self._building is None:
             self._building = self._builder.submit(rig_of, session.design, session.rig)

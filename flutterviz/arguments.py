@@ -88,6 +88,6 @@ def _read(kind: type[Options], words: Sequence[str], command: str) -> Options:
 def _one_line(said: str) -> str:
     """What tyro says under its title and between two rules, as one line; the nearest known option beside it."""
     sections = [" ".join(part.split()) for part in re.split(r"^\s*[-─]{8,}\s*$", said, flags=re.MULTILINE)]
-    line = re.sub(r"^Error parsing \S+: ", "", sections[1] if len(sections) > 1 else sections[0])
+    line = re.sub(r"^Error parsing (?=\S+: )", "", sections[1] if len(sections) > 1 else sections[0])
     near = re.search(r"Perhaps you meant: (--[\w.-]+)", " ".join(sections))
     return f"{line}; perhaps you meant {near[1]}" if near else line

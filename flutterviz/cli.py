@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated
 
@@ -114,7 +114,10 @@ def _dispatch(words: list[str]) -> int:
         _usage()
         return 0
     if words == ["--version"]:
-        print(version("flutterviz"))
+        try:
+            print(version("flutterviz"))
+        except PackageNotFoundError:
+            print("unknown: run from a checkout that is not installed")
         return 0
     # with no command it is the explorer that is wanted, as in `flutterviz my-design.json`
     name = words.pop(0) if words and words[0] in COMMANDS else "view"
@@ -188,9 +191,9 @@ def _check(options: Check) -> int:
         for case in cases:
             table.add_row(
                 case.name,
-                f"{case.value:.6g}",
+                _number(case.value, ".6g", "none"),
                 f"{case.reference:.6g}",
-                f"{abs(case.value / case.reference - 1):.1e}" if case.reference else f"{abs(case.value):.1e}",
+                "" if case.value is None else f"{abs(case.value - case.reference) / abs(case.reference or 1):.1e}",
                 f"{case.tol:.0e}",
                 f"{case.seed:g}" if case.seed is not None else "",
                 "ok" if case.ok else "MISS",

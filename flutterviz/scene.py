@@ -154,21 +154,26 @@ def pick(grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -
     Returns:
         (x, y) on the panel [m], or None if the ray misses it.
     """
-    lowest, highest = float(height.min()) - 1e-6, float(height.max()) + 1e-6
-    if abs(direction[2]) < 1e-12:
+    if abs(direction[2]) <= 1e-12 * np.linalg.norm(direction):
+        return None  # seen edge-on there is nothing to click on
+    # the part of the ray within the box that holds the surface: slab by slab
+    low = np.array([0.0, 0.0, height.min() - 1e-6])
+    high = np.array([grid.length * grid.scale, grid.width * grid.scale, height.max() + 1e-6])
+    with np.errstate(all="ignore"):
+        enter, leave = np.sort([(low - origin) / direction, (high - origin) / direction], axis=0)
+    start, end = max(float(np.nanmax(enter)), 0.0), float(np.nanmin(leave))
+    if not start < end:
         return None
-    ends = sorted((level - origin[2]) / direction[2] for level in (lowest, highest))
-    reach = np.linspace(max(ends[0], 0.0), max(ends[1], 0.0), RAY_SAMPLES)
-    points = origin + reach[:, None] * direction
+    points = origin + np.linspace(start, end, RAY_SAMPLES)[:, None] * direction
     x, y = points[:, 0] / grid.scale, points[:, 1] / grid.scale
-    inside = (x >= 0) & (x <= grid.length) & (y >= 0) & (y <= grid.width)
     gap = points[:, 2] - _height_at(grid, height, x, y)
-    crossing = np.flatnonzero(inside[:-1] & inside[1:] & (gap[:-1] * gap[1:] <= 0))
+    crossing = np.flatnonzero(gap[:-1] * gap[1:] <= 0)
     if not len(crossing):
         return None
     k = crossing[0]
     part = gap[k] / (gap[k] - gap[k + 1]) if gap[k] != gap[k + 1] else 0.0
-    return float(x[k] + part * (x[k + 1] - x[k])), float(y[k] + part * (y[k + 1] - y[k]))
+    hit_x, hit_y = x[k] + part * (x[k + 1] - x[k]), y[k] + part * (y[k + 1] - y[k])
+    return float(np.clip(hit_x, 0, grid.length)), float(np.clip(hit_y, 0, grid.width))
 
 
 def picked_element(mesh: Mesh, grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -> int | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import signal
 import socket
 import threading
@@ -12,11 +11,12 @@ import webbrowser
 from pathlib import Path
 from types import FrameType
 
+import rich
 from rich.console import Console
 
 from solver import Design
 
-ERR = Console(stderr=True, highlight=False, markup=False)
+ERR = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 
 def serve(design: Design, host: str, port: int, record: Path | None, browse: bool) -> int:
@@ -37,8 +37,8 @@ def serve(design: Design, host: str, port: int, record: Path | None, browse: boo
     from flutterviz.session import Session
 
     session = Session(design)
-    with contextlib.redirect_stdout(io.StringIO()):  # viser's own banner; ours says more
-        server = viser.ViserServer(host=host, port=port, verbose=False)
+    rich.get_console().quiet = True  # on which viser says what we say better, and on stdout
+    server = viser.ViserServer(host=host, port=port, verbose=False)
     with contextlib.ExitStack() as ending:
         ending.callback(server.stop)
         explorer = Explorer(session, server, record)

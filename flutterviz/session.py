@@ -15,6 +15,7 @@ from solver.simulate import SAMPLE, first_mode_at_rest
 
 Floats = NDArray[np.floating]
 
+DRAG = 15  # pictures (half a second) within which the next change of λ is one more of the same drag
 DIVERGED = 50.0  # largest |w|/h at which a run is stopped: far beyond what plate theory means anything for
 
 
@@ -71,18 +72,26 @@ class Session:
         self._future: list[Design] = []
         self._events: list[Event] = []
         self._steps = 0
+        self._since_flow = 0  # calls of `advance` since λ was last set: few, while a slider is dragged
+        self.disturbed_by = "switching on"
 
     # --- what a user does -------------------------------------------------------------------------------------------
 
     def apply(self, command: do.Command) -> None:
         """Carry out a command; one that makes no sense now is told as an event and changes nothing."""
+        try:
+            self._carry_out(command)
+        except DesignError as error:
+            self.note(str(error))
+
+    def _carry_out(self, command: do.Command) -> None:
         match command:
             case do.TogglePatch(element):
                 self._toggle(element)
             case do.ClearPatches():
                 self._change(self.design.with_elements(()), "all patches taken off")
             case do.SetFlow(value):
-                self._change(self.design.with_dynamic_pressure(value), f"λ set to {value:g}", merge=True)
+                self._set_flow(value)
             case do.LoadDesign(design, name):
                 self._change(design, f"{name} loaded")
             case do.Undo():
@@ -93,6 +102,7 @@ class Session:
                 self._engage(not self.engaged if on is None else on)
             case do.Pause(on):
                 self.paused = not self.paused if on is None else on
+                self._steps = 0
                 if not self.paused:
                     self.error = None
             case do.Step():
@@ -133,16 +143,21 @@ class Session:
         text = f"element {element} (i = {i}, j = {j}) {'patched' if on else 'bare'}"
         self._change(self.design.with_elements(tuple(changed)), text)
 
-    def _change(self, design: Design, text: str, merge: bool = False) -> None:
-        """Make a new design the wanted one; merged changes, as of a slider in motion, undo as one."""
+    def _set_flow(self, pressure: float) -> None:
+        """Change λ; the many changes of a slider that is dragged undo as one."""
+        design = self.design.with_dynamic_pressure(pressure)
+        before = self._past[-1] if self._past else None
+        follows = before is not None and before.with_dynamic_pressure(pressure) == design and not self._future
+        if follows and self._since_flow < DRAG:
+            self.design = self._past.pop()
+        self._since_flow = 0
+        self._change(design, f"λ set to {pressure:g}")
+
+    def _change(self, design: Design, text: str) -> None:
+        """Make a new design the wanted one, and the present one what undo goes back to."""
         if design == self.design:
             return
-        pressure = self.design.flow.dynamic_pressure
-        dragging = (
-            merge and self._past and not self._future and self._past[-1].with_dynamic_pressure(pressure) == self.design
-        )
-        if not dragging:
-            self._past.append(self.design)
+        self._past.append(self.design)
         self._future.clear()
         self.design = design
         self.note(text)
@@ -159,8 +174,7 @@ class Session:
         if on == self.engaged:
             return
         self.engaged = on
-        self.engaged_at = self._last_loud = self.time
-        self.damping_time = None
+        self._measure_anew("switching on")
         self.note("controller on" if on else "controller off")
         if on and self.rig.refusal:
             self.note(self.rig.refusal)
@@ -171,6 +185,8 @@ class Session:
         self.engaged = self.paused = False
         self.error = None
         self.damping_time = None
+        self._steps = 0
+        self.history.clear()
         self.note("reset: at rest in the first mode, controller off")
 
     def _pluck(self, x: float, y: float, velocity: float) -> None:
@@ -182,7 +198,14 @@ class Session:
         n = self.rig.plant.size
         self.state = self.state.copy()
         self.state[n:] += shape * (velocity / max(float(shape @ shape), 1e-300))
+        self._measure_anew("the pluck")
         self.note(f"plucked at x = {x:.2f} a, y = {y:.2f} b")
+
+    def _measure_anew(self, disturbed_by: str) -> None:
+        """Count the damping time from here: it belongs to one layout, one flow and one disturbance."""
+        self.engaged_at = self._last_loud = self.time
+        self.damping_time = None
+        self.disturbed_by = disturbed_by
 
     # --- the rig ----------------------------------------------------------------------------------------------------
 
@@ -201,16 +224,15 @@ class Session:
             if old.plant.model is not rig.plant.model:
                 halves = self.state.reshape(2, -1)
                 self.state = rig.plant.model.project(old.plant.model, halves).ravel()
+            if rig.plant.size != old.plant.size:
+                self.history = History(rig.plant.size)
         else:
             self.state = in_flutter(rig)
-        if rig.plant.size != old.plant.size:
             self.history = History(rig.plant.size)
         if self.engaged and rig.refusal:
             self.note(rig.refusal)
         if rig.design.patches != old.design.patches or rig.design.flow != old.design.flow:
-            # a damping time belongs to one layout and one flow: measure anew from here
-            self.engaged_at = self._last_loud = self.time
-            self.damping_time = None
+            self._measure_anew("the change")
         self.volts = np.zeros(len(rig.plant.channels))
         self.rig = rig
 
@@ -226,6 +248,8 @@ class Session:
     def refuse(self, reason: str) -> None:
         """Go back to the design that runs, because the wanted one cannot."""
         self.design = self.rig.design
+        while self._past and self._past[-1] == self.design:
+            self._past.pop()
         self.note(reason)
 
     # --- motion -----------------------------------------------------------------------------------------------------
@@ -239,6 +263,7 @@ class Session:
             self._steps -= 1
         if not seconds > 0:
             return None
+        self._since_flow += 1
         samples = max(1, round(seconds / SAMPLE))
         sample = seconds / samples
         states, volts = self.rig.loop.stretch(self.state, sample, samples, self.engaged)
@@ -246,7 +271,7 @@ class Session:
         q = states[:, :n]
         largest = np.abs(q @ rig.coarse.T).max(axis=1) / h if len(q) else np.empty(0)
         if len(states) < samples or largest[-1] > DIVERGED:
-            self._stop_diverged()
+            self.stop("the motion diverged and was stopped; lower λ or release the controller, then reset")
             return None
         times = self.time + sample * np.arange(1, samples + 1)
         rows = Rows(times, q @ rig.probe / h, q * rig.plant.model.peak / h, volts)
@@ -255,10 +280,11 @@ class Session:
         self._watch(times, largest)
         return rows
 
-    def _stop_diverged(self) -> None:
+    def stop(self, reason: str) -> None:
+        """Pause because of an error, which is shown until the motion is continued or reset."""
         self.paused = True
-        self.error = "the motion diverged and was stopped; lower λ or release the controller, then reset"
-        self.note(self.error)
+        self.error = reason
+        self.note(reason)
 
     def _watch(self, times: Floats, largest: Floats) -> None:
         """Follow the time at which the panel was last loud, and settle the damping time once it has been quiet."""
@@ -271,7 +297,7 @@ class Session:
         by_control = self.engaged and bool(self.rig.plant.channels) and not self.rig.plant.passive
         if by_control and not measured and self.time - self._last_loud > self.period:
             self.damping_time = self._last_loud - self.engaged_at
-            self.note(f"damped {self.damping_time:.4f} s after the controller was switched on")
+            self.note(f"damped {self.damping_time:.4f} s after {self.disturbed_by}")
 
     @property
     def period(self) -> float:

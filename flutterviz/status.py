@@ -11,6 +11,7 @@ from flutterviz.session import Session
 
 Tone = Literal["calm", "good", "warn", "bad"]
 
+PERIODS = 3
 STEADY = 3.0  # 1/s: an amplitude that changes no faster counts as that of a limit cycle
 
 
@@ -62,7 +63,7 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
         return "Controller impossible", rig.refusal, "!", "bad"
     if driven:
         if session.damping_time is not None:
-            return "Controlled, quiet", f"damped {session.damping_time:.3f} s after switching on", "✔", "good"
+            return "Controlled, quiet", f"damped {session.damping_time:.3f} s after {session.disturbed_by}", "✔", "good"
         if rig.loop.regulator.growth.real > 0:
             return (
                 "Controlled in part",
@@ -70,7 +71,8 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
                 "!",
                 "warn",
             )
-        saturated = bool(np.any(np.abs(session.volts) >= 0.999 * rig.loop.regulator.limit))
+        volts = session.history.since(session.time - session.period).volts
+        saturated = bool(np.any(np.abs(volts) >= 0.999 * rig.loop.regulator.limit))
         return "Controlled", "at the voltage limit" if saturated else "damping the flutter", "▼", "calm"
     trend = recent_growth(session)
     if trend is None or abs(trend) <= STEADY:
@@ -83,13 +85,16 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
 
 
 def recent_growth(session: Session) -> float | None:
-    """Growth rate of the motion [1/s], by the peaks of the last two flutter periods; None if unknown."""
-    period = session.period
-    rows = session.history.since(session.time - 2 * period)
-    if len(rows) < 8 or rows.times[0] > session.time - 1.8 * period:
+    """Growth rate of the motion [1/s], by the peaks of its last and last but one few periods; None if unknown."""
+    times = session.history.times
+    known = (session.time - times[0]) / (2 * session.period) if len(times) else 0.0
+    # several periods, or the beat of two modes is taken for growth and decay in turn; fewer after a fresh start
+    span = min(PERIODS, np.floor(known)) * session.period
+    rows = session.history.since(session.time - 2 * span)
+    if span == 0 or len(rows) < 8:
         return None
-    late = rows.times > session.time - period
+    late = rows.times > session.time - span
     first, second = rows.largest[~late].max(initial=0.0), rows.largest[late].max(initial=0.0)
     if min(first, second) <= 0:
         return None
-    return float(np.log(second / first) / period)
+    return float(np.log(second / first) / span)
