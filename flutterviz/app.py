@@ -114,6 +114,9 @@ class Explorer:
                 self._grant(wanted)
                 continue
             self.session.apply(wanted)
+            if self.session.design != self._shown_design:
+                self._shown_design = self.session.design
+                self.controls.follow(self.session, dragged=isinstance(wanted, do.SetFlow))
 
     def _grant(self, wish: Wish) -> None:
         """Do what concerns the page and not the panel."""
@@ -139,9 +142,6 @@ class Explorer:
     def _rebuild(self) -> None:
         """Build the wanted design's rig beside the loop and swap it in when ready; the panel moves on meanwhile."""
         session = self.session
-        if session.design != self._shown_design:
-            self._shown_design = session.design
-            self.controls.follow(session)
         if self._building is not None and self._building.done():
             try:
                 session.adopt(self._building.result())
@@ -149,6 +149,8 @@ class Explorer:
                 self._show_legend()
             except (ValueError, ArithmeticError, MemoryError) as error:  # DesignError, LinAlgError and their like
                 session.refuse(f"the change was taken back: {' '.join(str(error).split())}")
+                self._shown_design = session.design
+                self.controls.follow(session)
             self._building = None
         if session.stale and self._building is None:
             self._building = self._builder.submit(rig_of, session.design, session.rig)

@@ -170,12 +170,14 @@ class Controls:
             self._record.label = "Stop recording"
             _write(self._recording, f'<div style="{SMALL}">● recording to {escape(recording)}</div>')
 
-    def follow(self, session: Session) -> None:
-        """Take over what changed other than by these widgets, as after undo or a preset."""
+    def follow(self, session: Session, dragged: bool = False) -> None:
+        """Take over a changed design, as after undo or a preset.
+
+        A slider that is being dragged is ahead of the design, and is left alone: written, it would jump back.
+        """
         pressure = session.design.flow.dynamic_pressure
-        if pressure > self._pressure.max:
-            self._pressure.max = pressure
-        if abs(self._pressure.value - pressure) > 1e-9:
+        if not dragged and self._pressure.value != pressure:
+            self._pressure.max = max(self._pressure.max, pressure)
             self._pressure.value = pressure
         named = next((n for n in preset_names() if load_design(n) == session.design), "as edited")
         if self._preset.value != named:

@@ -197,10 +197,18 @@ def test_the_slider_sets_the_flow_and_is_not_written_back(explorer: Explorer, pa
 
 
 def test_a_design_beyond_the_slider_draws_it_further(explorer: Explorer, page: Page) -> None:
-    explorer._inbox.put(do.SetFlow(2500.0))
+    explorer._inbox.put(do.LoadDesign(explorer.session.design.with_dynamic_pressure(2500.0), "a fast stream"))
     ticks(explorer, 2)
     assert explorer.controls._pressure.value == 2500
     assert explorer.controls._pressure.max >= 2500
+
+
+def test_a_slider_ahead_of_the_design_is_left_alone(explorer: Explorer, page: Page) -> None:
+    explorer.controls._pressure.value = 905.0  # as a page does while it drags: its last command is still in the inbox
+    explorer._inbox.put(do.SetFlow(900.0))
+    ticks(explorer, 2)
+    assert explorer.session.design.flow.dynamic_pressure == 900
+    assert explorer.controls._pressure.value == 905
 
 
 def test_the_key_engages_the_controller_and_the_motion_falls(explorer: Explorer, page: Page) -> None:
