@@ -14,16 +14,17 @@ import viser
 
 from flutterviz import colormap
 from flutterviz import commands as do
-from flutterviz.clock import FRAME, Clock, nearest_rate
+from flutterviz.clock import FRAME, Clock, nearest_rate, next_rate
 from flutterviz.controls import Controls, Wish
 from flutterviz.plots import Plots
 from flutterviz.recording import Recording
 from flutterviz.rig import Rig, rig_of
-from flutterviz.scene import Scene, picked_element
+from flutterviz.scene import Ray, Scene, picked_element
 from flutterviz.session import Rows, Session
-from solver import Mesh, design_to_json
+from solver import Design, Mesh, design_to_json
 
 PLOT_EVERY = 3  # frames: ten times a second
+SURFACE_EVERY = 2  # frames: a recorded surface is a hundred times as large as the row of numbers beside it
 TEXT_EVERY = 8  # frames: about four times a second
 PLOT_CYCLES = 8  # flutter periods that the plots show at slow motion
 PLOT_SECONDS = 12.0  # wall time that the plots show where that is longer
@@ -42,13 +43,14 @@ class Explorer:
         self.server = server
         self.clock = Clock(nearest_rate(session.period))
         self.running = True
-        self._inbox: queue.SimpleQueue[do.Command | Wish] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[do.Command | Wish | Ray] = queue.SimpleQueue()
         self._builder = ThreadPoolExecutor(1, thread_name_prefix="rebuild")
         self._building: Future[Rig] | None = None
         self._frame = 0
         self._shown_design = session.design
         self._recording: Recording | None = None
         self._record_name: str | None = None
+        self._recorded_design: Design | None = None
         self._theme(dark=False)
         server.gui.set_panel_label("flutterviz")
         self.scene = Scene(server, session.rig, session.design.patches.elements)
@@ -62,11 +64,7 @@ class Explorer:
     # --- callbacks: other threads ------------------------------------------------------------------------------------
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
-        grid, height = self.session.rig.grid, self.scene.height
-        mesh = Mesh.of(self.session.design.panel, self.session.design.mesh)
-        element = picked_element(mesh, grid, height, np.array(event.ray_origin), np.array(event.ray_direction))
-        if element is not None:
-            self._inbox.put(do.TogglePatch(element))
+        self._inbox.put(Ray(event.ray_origin, event.ray_direction))
 
     # --- the loop ----------------------------------------------------------------------------------------------------
 
@@ -113,6 +111,14 @@ class Explorer:
             if isinstance(wanted, (str, tuple)):
                 self._grant(wanted)
                 continue
+            if isinstance(wanted, Ray):
+                design = self.session.rig.design
+                element = picked_element(
+                    Mesh.of(design.panel, design.mesh), self.session.rig.grid, self.scene.height, wanted
+                )
+                if element is None:
+                    continue
+                wanted = do.TogglePatch(element)
             self.session.apply(wanted)
             if self.session.design != self._shown_design:
                 self._shown_design = self.session.design
@@ -121,12 +127,13 @@ class Explorer:
     def _grant(self, wish: Wish) -> None:
         """Do what concerns the page and not the panel."""
         match wish:
-            case ("rate", rate):
-                self.clock.rate = rate
+            case ("rate", steps):
+                rate = self.clock.rate
+                self.clock.rate = next_rate(rate, int(steps)) if steps else nearest_rate(self.session.period)
             case ("dark", on):
                 self._theme(dark=bool(on))
-            case ("exaggeration", factor):
-                self.scene.exaggeration = factor
+            case ("exaggeration", steps):
+                self.scene.step_exaggeration(int(steps))
                 self._show_legend()
             case "fit colours":
                 recent = self.session.history.since(self.session.time - 2 * self.session.period)
@@ -168,7 +175,7 @@ class Explorer:
                 self.plots.show(session.history, span, rig.design.control.voltage_limit)
             if self._frame % TEXT_EVERY == 0:
                 self.scene.keep_framed(self.server.get_clients())
-                self.controls.refresh(session, self.clock, len(self.server.get_clients()), self._record_name)
+                self.controls.refresh(session, self.clock, len(self.server.get_clients()), self._recording_facts())
 
     def _show_legend(self) -> None:
         self.controls.show_legend(self.scene.legend(self.session.rig.thickness))
@@ -210,6 +217,11 @@ class Explorer:
             self._recording.close()
         self._recording = self._record_name = None
 
+    def _recording_facts(self) -> str | None:
+        if self._record_name is None:
+            return None
+        return f"{self._record_name}, {Path(self._record_name).stat().st_size / 1e6:.1f} MB"
+
     def _record(self, rows: Rows | None) -> None:
         """Pass on what happened and what moved; a disk that fills ends the recording, not the run."""
         events = self.session.take_events()
@@ -226,10 +238,11 @@ class Explorer:
                 self._recording.design(session.time, design_to_json(rig.design))
                 self._recording.patches(session.time, rig.design.patches.elements)
             if rows is not None:
+                self._recording.states(rows.times, rows.probe, rows.modal, rows.volts)
+            if rows is not None and self._frame % SURFACE_EVERY == 0:
                 w = rig.displacement(session.state)
                 colours = colormap.display_rgb(w.ravel() / (rig.thickness * self.scene.limit))
                 self._recording.frame(session.time, w, colours)
-                self._recording.states(rows.times, rows.probe, rows.modal, rows.volts)
         except (OSError, RuntimeError) as error:
             self._stop_recording()
             session.note(f"recording stopped: {' '.join(str(error).split())}")

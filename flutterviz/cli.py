@@ -105,8 +105,8 @@ def run(words: Sequence[str]) -> int:
         return USER_ERROR
     except KeyboardInterrupt:
         return 130
-    except SystemExit:  # help was asked for and given
-        return 0
+    except SystemExit as error:  # help was given, or a replay was ended by a signal
+        return error.code if isinstance(error.code, int) else 0
 
 
 def _dispatch(words: list[str]) -> int:

@@ -19,6 +19,12 @@ def nearest_rate(period: float) -> float:
     return min(LADDER, key=lambda rate: abs(period / rate - CYCLE))
 
 
+def next_rate(rate: float, steps: int) -> float:
+    """The ladder's rate so many steps faster (or slower, if negative); the ladder's end where there are no more."""
+    place = min(range(len(LADDER)), key=lambda k: abs(LADDER[k] - rate))
+    return LADDER[min(max(place + steps, 0), len(LADDER) - 1)]
+
+
 def rate_name(rate: float) -> str:
     """How a rate is called: 1/300, or real time."""
     return "real time" if rate == 1 else f"1/{round(1 / rate)}"

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import viser
 
 from flutterviz import commands as do
-from flutterviz.clock import LADDER, Clock, rate_name
-from flutterviz.scene import EXAGGERATIONS
+from flutterviz.clock import Clock, rate_name
 from flutterviz.session import Session
 from flutterviz.status import Status, status_of
 from solver import load_design, preset_names
@@ -19,9 +18,9 @@ if TYPE_CHECKING:
     from viser._messages import HotkeyKey  # viser names its keys nowhere else
 
 Wish = Literal["record", "fit colours", "aim"] | tuple[Literal["rate", "exaggeration", "dark"], float]
-"""What a user asks of the page rather than of the panel."""
+"""What a user asks of the page rather than of the panel; rate and exaggeration by steps on their ladders."""
 
-PRESSURE_END = 2000.0  # of the λ slider; a design may lie beyond it and then draws it further
+PRESSURE_END = 2000.0  # of the λ slider; a design beyond it draws it further, for good
 PLUCK = (0.35, 0.37, 0.8)  # where the pluck button pushes (x/a, y/b), off every line of symmetry, and how hard [m/s]
 TONES = {"calm": "#2f7fd1", "good": "#2e9e5b", "warn": "#c98a00", "bad": "#d0453e"}
 
@@ -41,6 +40,7 @@ class Controls:
     ) -> None:
         """Add all widgets; `send` takes what the user does, from any thread."""
         self._send = send
+        self._name = ""
         gui = server.gui
         gui.set_panel_label("flutterviz")
         gui.main_panel.dock_right()
@@ -58,21 +58,15 @@ class Controls:
             initial_value=session.design.flow.dynamic_pressure,
             hint="Nondimensional dynamic pressure λ = 2qa³/(βD) of the stream",
         )
-        self._rate = gui.add_dropdown(
-            "Slow motion",
-            [rate_name(rate) for rate in LADDER],
-            initial_value=rate_name(clock.rate),
-            hint="Simulated time over wall time",
-        )
+        # Button groups, not dropdowns: a dropdown keeps the focus, and keys then type into it instead of acting.
+        self._rate = gui.add_button_group("Time", RATES, hint="Slow motion: simulated time over wall time")
         self._legend = gui.add_html(legend)
         with gui.add_folder("Patches"):
-            self._preset = gui.add_dropdown("Preset", ["as edited", *preset_names()], hint="Load a design")
+            self._preset = gui.add_button_group("Preset", preset_names(), hint="Load a design")
             self._edit = gui.add_button_group("Change", EDITS, hint="Keys U and Y undo and redo")
             self._facts = gui.add_html("")
         with gui.add_folder("View and recording", expand_by_default=False):
-            self._height = gui.add_dropdown(
-                "Height ×", [f"{e}" for e in EXAGGERATIONS], initial_value="20", hint="Exaggeration of w"
-            )
+            self._height = gui.add_button_group("Height", HEIGHTS, hint="Exaggeration of the displacement w")
             self._view = gui.add_button_group("View", VIEWS, hint="Colour scale to the motion; camera to the panel")
             self._dark = gui.add_checkbox("Dark", False, hint="Dark or light page")
             self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, hint="Write a recording (.rrd)")
@@ -101,20 +95,17 @@ class Controls:
             if event.client is not None:  # None: written by the server, as after an undo
                 send(do.SetFlow(float(self._pressure.value)))
 
-        @self._rate.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                send(("rate", next(rate for rate in LADDER if rate_name(rate) == self._rate.value)))
+        @self._rate.on_click
+        async def _(_: object) -> None:
+            send(("rate", RATE_STEPS[self._rate.value]))
 
-        @self._height.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                send(("exaggeration", float(self._height.value)))
+        @self._height.on_click
+        async def _(_: object) -> None:
+            send(("exaggeration", HEIGHT_STEPS[self._height.value]))
 
-        @self._preset.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if event.client is not None and self._preset.value != "as edited":
-                send(do.LoadDesign(load_design(self._preset.value), self._preset.value))
+        @self._preset.on_click
+        async def _(_: object) -> None:
+            send(do.LoadDesign(load_design(self._preset.value), self._preset.value))
 
         @self._edit.on_click
         async def _(_: object) -> None:
@@ -156,7 +147,7 @@ class Controls:
         """Show the state; a widget is written only where it differs, so that a dragged slider is left alone."""
         status = status_of(session)
         _write(self._status, _status_card(status, session, clock, pages))
-        _write(self._facts, _patch_facts(session))
+        _write(self._facts, _patch_facts(session, self._name))
         engaged = session.engaged
         label = "Release controller (C)" if engaged else "Engage controller (C)"
         if self._engage.label != label:
@@ -176,12 +167,10 @@ class Controls:
         A slider that is being dragged is ahead of the design, and is left alone: written, it would jump back.
         """
         pressure = session.design.flow.dynamic_pressure
+        self._name = next((name for name in preset_names() if load_design(name) == session.design), "as edited")
         if not dragged and self._pressure.value != pressure:
             self._pressure.max = max(self._pressure.max, pressure)
             self._pressure.value = pressure
-        named = next((n for n in preset_names() if load_design(n) == session.design), "as edited")
-        if self._preset.value != named:
-            self._preset.value = named
 
     def show_legend(self, legend: str) -> None:
         """Put in another legend."""
@@ -190,6 +179,10 @@ class Controls:
 
 ENGAGE_HINT = "Switch the LQR controller on or off: it drives the patches, up to their voltage limit"
 MOTIONS = ("Pause", "Step", "Reset")
+RATE_STEPS = {"Slower": -1.0, "1.5 s a cycle": 0.0, "Faster": 1.0}
+RATES = tuple(RATE_STEPS)
+HEIGHT_STEPS = {"Lower": -1.0, "Higher": 1.0}
+HEIGHTS = tuple(HEIGHT_STEPS)
 EDITS = ("Undo", "Redo", "Clear")
 VIEWS = ("Fit colours", "Show all")
 VIEW_WISHES: dict[str, Wish] = {"Fit colours": "fit colours", "Show all": "aim"}
@@ -251,12 +244,12 @@ def _status_card(status: Status, session: Session, clock: Clock, pages: int) -> 
     )
 
 
-def _patch_facts(session: Session) -> str:
+def _patch_facts(session: Session, name: str) -> str:
     plant = session.rig.plant
     count = len(session.design.patches.elements)
     critical = f"{plant.critical[0]:.1f}" if plant.critical else "none"
     groups = len(plant.channels)
-    text = f"{count} patched, {groups} channel{'' if groups == 1 else 's'} · λ_cr {critical}"
+    text = f"{name}: {count} patched, {groups} channel{'' if groups == 1 else 's'} · λ_cr {critical}"
     closed = session.rig.loop.regulator.growth.real
     if groups and session.rig.refusal is None:
         text += f" · controlled growth {closed:+.1f} /s"

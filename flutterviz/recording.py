@@ -65,7 +65,7 @@ class Recording:
         playback: float = 0.01,
     ) -> None:
         """Begin the file; OSError with one line on what to do if it cannot be written."""
-        _refuse_unwritable(path)
+        refuse_unwritable(path)
         self._x, self._y, self._ny = np.asarray(x), np.asarray(y), ny
         self._limit = voltage_limit
         self._exaggeration = exaggeration
@@ -244,7 +244,8 @@ def _stack(lines: list[NDArray[np.intp]]) -> NDArray[np.intp]:
     return np.array([np.pad(line, (0, longest - line.size), mode="edge") for line in lines], np.intp)
 
 
-def _refuse_unwritable(path: Path) -> None:
+def refuse_unwritable(path: Path) -> None:
+    """Raise OSError, in one line, if a recording cannot be written to this path."""
     if path.suffix != ".rrd":
         raise OSError(f"cannot record to {path}: rerun opens a file only if its name ends in .rrd; rename it")
     try:

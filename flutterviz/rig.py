@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from flutterviz.surface import DisplayGrid
 from solver import ControlError, Design, Loop, Plant, Regulator
-from solver.simulate import SAMPLE, first_mode_at_rest
+from solver.simulate import SAMPLES_A_PERIOD, first_mode_at_rest
 from solver.trace import probe_shapes
 
 Floats = NDArray[np.floating]
 
-SETTLING = 0.3  # s of motion computed before the page opens: the panel is then in full flutter
+SETTLING_PERIODS = 50  # of motion computed before the page opens: the panel is then in full flutter
 
 
 @dataclass(frozen=True)
@@ -100,5 +100,8 @@ def _bare_critical(design: Design) -> float | None:
 def in_flutter(rig: Rig) -> Floats:
     """(2n,) state after a small start and a while left to itself: on the limit cycle, if there is one."""
     start = first_mode_at_rest(rig.plant, rig.design.run.initial_amplitude * rig.thickness)
-    states, _ = rig.loop.stretch(start, SAMPLE, round(SETTLING / SAMPLE), engaged=False)
-    return states[-1].copy() if len(states) and rig.plant.growth.real > 0 else start
+    if not rig.plant.flutters:
+        return start
+    sample = rig.plant.period / SAMPLES_A_PERIOD
+    states, _ = rig.loop.stretch(start, sample, SETTLING_PERIODS * SAMPLES_A_PERIOD, engaged=False)
+    return states[-1].copy() if len(states) else start

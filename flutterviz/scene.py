@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -15,7 +16,7 @@ from solver import Design, Mesh
 
 Floats = NDArray[np.floating]
 
-EXAGGERATIONS = (1, 5, 10, 20, 40, 80)
+EXAGGERATIONS = (1.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 FIELD_OF_VIEW = math.radians(40)
 TYPICAL_ASPECT = 0.9  # of the free part of a laptop's window between the docked panels
 MARGIN = 1.03  # of the camera's distance over that at which the view just fits
@@ -133,6 +134,11 @@ class Scene:
         self.height = w_over_h * (thickness * self._grid.scale * self.exaggeration)
         self._panel.glb_data = self._packer.pack(self.height, w_over_h / self.limit)
 
+    def step_exaggeration(self, steps: int) -> None:
+        """Draw the displacement higher, or lower if negative, by so many steps of a ladder."""
+        place = EXAGGERATIONS.index(self.exaggeration) + steps
+        self.exaggeration = EXAGGERATIONS[min(max(place, 0), len(EXAGGERATIONS) - 1)]
+
     def legend(self, thickness: float) -> str:
         """The colour scale as SVG with its unit, and the exaggeration of the height."""
         svg = colormap.legend_svg(self.limit, title="displacement w / h")
@@ -176,9 +182,19 @@ def pick(grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -
     return float(np.clip(hit_x, 0, grid.length)), float(np.clip(hit_y, 0, grid.width))
 
 
-def picked_element(mesh: Mesh, grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -> int | None:
+@dataclass(frozen=True)
+class Ray:
+    """Where the mouse points, in scene units."""
+
+    origin: tuple[float, float, float]
+    """Where it begins [scene units]."""
+    direction: tuple[float, float, float]
+    """Where it goes [scene units]."""
+
+
+def picked_element(mesh: Mesh, grid: DisplayGrid, height: Floats, ray: Ray) -> int | None:
     """Id of the element that a ray first meets, or None."""
-    point = pick(grid, height, origin, direction)
+    point = pick(grid, height, np.array(ray.origin), np.array(ray.direction))
     return None if point is None else mesh.element_at(*point)
 
 

@@ -30,6 +30,10 @@ def serve(design: Design, host: str, port: int, record: Path | None, browse: boo
     _refuse_address(host, port)
     if host not in ("127.0.0.1", "localhost", "::1"):
         ERR.print(f"serving on {host}: anyone who reaches this machine can open and steer the page, without a password")
+    if record is not None:
+        from flutterviz.recording import refuse_unwritable
+
+        refuse_unwritable(record)
     ERR.print("building the panel and letting it flutter; the first start also compiles the solver, for some seconds …")
     import viser  # late: it is slow to import, and a wrong port should be told at once
 

@@ -11,11 +11,12 @@ from flutterviz import commands as do
 from flutterviz.history import History
 from flutterviz.rig import Rig, in_flutter, rig_of
 from solver import Design, DesignError
-from solver.simulate import SAMPLE, first_mode_at_rest
+from solver.simulate import SAMPLES_A_PERIOD, first_mode_at_rest
 
 Floats = NDArray[np.floating]
 
-DRAG = 15  # pictures (half a second) within which the next change of λ is one more of the same drag
+DRAG = 45  # pictures (a second and a half) within which the next change of λ is one more of the same drag
+JUDGED_PERIODS = 8  # of motion that a session begins with in its history
 DIVERGED = 50.0  # largest |w|/h at which a run is stopped: far beyond what plate theory means anything for
 
 
@@ -72,13 +73,20 @@ class Session:
         self._future: list[Design] = []
         self._events: list[Event] = []
         self._steps = 0
-        self._since_flow = 0  # calls of `advance` since λ was last set: few, while a slider is dragged
+        self._since_flow = DRAG + 1  # calls of `advance` since λ was last set: few, while a slider is dragged
         self.disturbed_by = "switching on"
+        if self.rig.plant.flutters:  # a past to judge the motion by, before time zero
+            lead = JUDGED_PERIODS * self.period
+            self.time = -lead
+            self.advance(lead)
+            self.time = 0.0
 
     # --- what a user does -------------------------------------------------------------------------------------------
 
     def apply(self, command: do.Command) -> None:
         """Carry out a command; one that makes no sense now is told as an event and changes nothing."""
+        if not isinstance(command, do.SetFlow):
+            self._since_flow = max(self._since_flow, DRAG - 1)  # whatever else is done ends a drag of λ
         try:
             self._carry_out(command)
         except DesignError as error:
@@ -148,19 +156,21 @@ class Session:
         design = self.design.with_dynamic_pressure(pressure)
         before = self._past[-1] if self._past else None
         follows = before is not None and before.with_dynamic_pressure(pressure) == design and not self._future
-        if follows and self._since_flow < DRAG:
+        if follows and self._since_flow < DRAG - 1:
             self.design = self._past.pop()
-        self._since_flow = 0
-        self._change(design, f"λ set to {pressure:g}")
+        if design != self.design:
+            self._since_flow = 0  # told when the drag has ended
+            self._change(design, None)
 
-    def _change(self, design: Design, text: str) -> None:
+    def _change(self, design: Design, text: str | None) -> None:
         """Make a new design the wanted one, and the present one what undo goes back to."""
         if design == self.design:
             return
         self._past.append(self.design)
         self._future.clear()
         self.design = design
-        self.note(text)
+        if text is not None:
+            self.note(text)
 
     def _travel(self, source: list[Design], target: list[Design], word: str) -> None:
         if not source:
@@ -256,6 +266,9 @@ class Session:
 
     def advance(self, seconds: float) -> Rows | None:
         """Move on by a stretch of simulated time; gives what it adds to the plots, or None if time stands still."""
+        self._since_flow += 1
+        if self._since_flow == DRAG:
+            self.note(f"λ set to {self.design.flow.dynamic_pressure:g}")
         if self.paused:
             if not self._steps or self.error:
                 self._steps = 0
@@ -263,8 +276,7 @@ class Session:
             self._steps -= 1
         if not seconds > 0:
             return None
-        self._since_flow += 1
-        samples = max(1, round(seconds / SAMPLE))
+        samples = max(1, round(seconds * SAMPLES_A_PERIOD / self.period))
         sample = seconds / samples
         states, volts = self.rig.loop.stretch(self.state, sample, samples, self.engaged)
         rig, h, n = self.rig, self.rig.thickness, self.rig.plant.size
@@ -302,8 +314,7 @@ class Session:
     @property
     def period(self) -> float:
         """Period of the flat panel's leading root [s]: the time scale of its flutter."""
-        rate = self.rig.plant.growth.imag
-        return float(2 * np.pi / rate) if rate > 0 else 0.02
+        return self.rig.plant.period
 
     @property
     def amplitude(self) -> float:

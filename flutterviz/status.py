@@ -12,7 +12,7 @@ from flutterviz.session import Session
 Tone = Literal["calm", "good", "warn", "bad"]
 
 PERIODS = 3
-STEADY = 3.0  # 1/s: an amplitude that changes no faster counts as that of a limit cycle
+STEADY = 0.02  # change of the amplitude a period that counts as none, as of a limit cycle
 
 
 @dataclass(frozen=True)
@@ -55,27 +55,27 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
         raised = f"{critical:.0f}" if critical else "none"
         detail = f"the patches end the flutter by stiffness and mass alone: λ_cr {rig.bare_critical:.0f} → {raised}"
         return "Passive", detail, "◆", "good"
-    if plant.growth.real <= 0:
-        return "Stable", "below the critical dynamic pressure: every motion dies out", "●", "good"
+    if not plant.flutters:
+        dies = plant.growth.real < -1e-9 * plant.model.omega[0]
+        detail = "every motion dies out" if dies else "nothing damps the motion: it neither grows nor dies out"
+        return "Stable", f"below the critical dynamic pressure: {detail}", "●", "good"
     if session.engaged and not plant.channels:
         return "Controller has no patches", "click elements of the panel to patch them", "!", "warn"
     if session.engaged and rig.refusal:
         return "Controller impossible", rig.refusal, "!", "bad"
     if driven:
+        if rig.loop.regulator.growth.real > 0:
+            word = "Controlled in part" if session.damping_time is None else "Quiet, but unstable"
+            return word, "a growing mode is out of reach; patch one side alone", "!", "warn"
         if session.damping_time is not None:
             return "Controlled, quiet", f"damped {session.damping_time:.3f} s after {session.disturbed_by}", "✔", "good"
-        if rig.loop.regulator.growth.real > 0:
-            return (
-                "Controlled in part",
-                "a growing mode is out of these patches' reach; patch off the centre line",
-                "!",
-                "warn",
-            )
         volts = session.history.since(session.time - session.period).volts
         saturated = bool(np.any(np.abs(volts) >= 0.999 * rig.loop.regulator.limit))
         return "Controlled", "at the voltage limit" if saturated else "damping the flutter", "▼", "calm"
     trend = recent_growth(session)
-    if trend is None or abs(trend) <= STEADY:
+    if trend is None:
+        return "Fluttering", "just begun: too early to tell growth from a limit cycle", "▲", "warn"
+    if abs(trend) * session.period <= STEADY:
         if session.amplitude < 0.02:
             return "Flutter growing", "from small beginnings", "▲", "bad"
         return "Limit cycle", "flutter held by the panel's own membrane stretching", "⟳", "warn"

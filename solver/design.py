@@ -60,6 +60,8 @@ class Panel(_Part, frozen=True):
             density=self.density,
         )
         _poisson("panel.poisson", self.poisson)
+        for name, value in (("panel.length", self.length), ("panel.width", self.width)):
+            _check(1e-3 <= value <= 1e3, name, f"{value} m", "must be from 1 mm to 1 km")
         _check(
             len(self.edges) == 4 and set(self.edges) <= set("sc"),
             "panel.edges",
@@ -152,6 +154,13 @@ class Control(_Part, frozen=True):
             effort_weight=self.effort_weight,
             voltage_limit=self.voltage_limit,
         )
+        ratio = self.state_weight / self.effort_weight
+        _check(
+            1e-6 <= ratio <= 1e12,
+            "control.state_weight / control.effort_weight",
+            f"{ratio:g}",
+            "must be from 1e-6 to 1e12: beyond it the Riccati equation cannot be solved in doubles",
+        )
 
 
 class Reduction(_Part, frozen=True):
@@ -184,7 +193,9 @@ class Run(_Part, frozen=True):
         """Refuse a run that has no beginning or no end."""
         _positive("run", initial_amplitude=self.initial_amplitude, duration=self.duration, settled=self.settled)
         _check(self.initial_amplitude <= 10, "run.initial_amplitude", self.initial_amplitude, "must be at most 10 (h)")
-        _check(self.duration <= 60, "run.duration", self.duration, "must be at most 60 s of simulated time")
+        _check(
+            1e-3 <= self.duration <= 60, "run.duration", self.duration, "must be from 0.001 to 60 s of simulated time"
+        )
         _check(self.control_on >= 0, "run.control_on", self.control_on, "must be a time from 0 on [s]")
 
 

@@ -33,7 +33,8 @@ def design_from_json(text: str | bytes, source: str = "design") -> Design:
     try:
         return msgspec.json.decode(text, type=Design)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:  # a ValidationError is a DecodeError
-        raise DesignError(f"{source}: {' '.join(str(error).split())}") from None
+        cut = "; the file is cut off: save it again" if "truncated" in str(error) else ""
+        raise DesignError(f"{source}: {' '.join(str(error).split())}{cut}") from None
 
 
 def load_design(name: str) -> Design:

@@ -80,18 +80,24 @@ def critical_pressure_full(model: ModalModel, stream: Stream) -> tuple[float, fl
 
     def rate(value: float) -> complex:
         pencil = (plate.stiffness + value * slope, stream.rate(value) * space.bare_mass, plate.mass)
-        return leading(*pencil, estimate[1])
+        return leading(*pencil, estimate[1] or float(model.omega[0]))
 
     noise = GROWTH_NOISE * model.omega[0]
-    found = _first_root(
-        lambda value: rate(value).real - noise, 0.8 * estimate[0], 0.05 * estimate[0], 1.25 * estimate[0]
-    )
+
+    def growth(value: float) -> float:
+        return rate(value).real - noise
+
+    near = 0.8 * estimate[0]
+    start = near if growth(near) <= 0 else 0.0
+    found = _first_root(growth, start, 0.05 * estimate[0], 4 * estimate[0])
     return None if found is None else (found, abs(rate(found * JUST_ABOVE).imag))
 
 
 def _leading_damped(stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr_array, frequency: float) -> complex:
     """Fastest growing of the eigenvalues s nearest to iω of (s² M + s C + K) x = 0, by Arnoldi on its companion."""
-    n, shift = mass.shape[0], 1j * frequency
+    # time in units of 1/ω, so that displacements and rates weigh alike whatever the panel's size
+    stiffness, damping = sp.csr_array(stiffness / frequency**2), sp.csr_array(damping / frequency)
+    n, shift = mass.shape[0], 1j
     factor = spla.splu((stiffness + shift * damping + shift**2 * mass).tocsc())
 
     def inverse(state: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -101,7 +107,7 @@ def _leading_damped(stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr
 
     operator = spla.LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=np.complex128)
     values = shift + 1 / spla.eigs(operator, NEAREST, v0=_start(2 * n).astype(complex), return_eigenvectors=False)
-    return complex(values[np.argmax(values.real)])
+    return complex(values[np.argmax(values.real)]) * frequency
 
 
 def _leading_undamped(stiffness: sp.csr_array, _: sp.csr_array, mass: sp.csr_array, frequency: float) -> complex:

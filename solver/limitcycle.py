@@ -10,8 +10,8 @@ from solver.mesh import Floats
 from solver.simulate import Loop, first_mode_at_rest
 from solver.trace import Trace
 
-SAMPLE = 5e-5  # s; finer than a run's, or a peak that falls between samples moves by more than NOISE
-WINDOW = 0.1  # s of motion between two looks at the amplitude
+SAMPLES_A_PERIOD = 128  # fewer, and a peak that falls between samples moves by more than NOISE
+WINDOW_PERIODS = 16  # of the flat panel's leading root, between two looks at the amplitude
 NOISE = 1e-4  # relative change of the amplitude that sampling alone can make
 AGREEMENT = 1e-3  # relative change still to come, were it to go on as it does, that counts as converged
 SMALL = 1e-3  # of h; a motion below it has not begun to be a cycle
@@ -41,19 +41,19 @@ def limit_cycle(loop: Loop) -> LimitCycle | None:
         The cycle; None where the panel does not flutter, or the motion diverged.
     """
     plant = loop.plant
-    if plant.growth.real <= 0:
+    if not plant.flutters:
         return None
     thickness = plant.design.panel.thickness
     state = first_mode_at_rest(plant, plant.design.run.initial_amplitude * thickness)
-    samples = round(WINDOW / SAMPLE)
+    sample, samples = plant.period / SAMPLES_A_PERIOD, WINDOW_PERIODS * SAMPLES_A_PERIOD
     peaks: list[float] = []
     trace = None
     for _ in range(PATIENCE):
-        states, volts = loop.stretch(state, SAMPLE, samples, engaged=False)
+        states, volts = loop.stretch(state, sample, samples, engaged=False)
         if len(states) < samples:
             return None
         state = states[-1]
-        trace = Trace(plant, SAMPLE * np.arange(samples), states, volts)
+        trace = Trace(plant, sample * np.arange(samples), states, volts)
         peaks.append(_peak(trace.probe))
         if all(_resting(peaks[: len(peaks) - k]) for k in range(3)):
             return _measured(trace, peaks[-1], state, converged=True)

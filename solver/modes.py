@@ -41,9 +41,18 @@ class ModalModel:
         """Reduce the plate of a design (the seed's 2.17-2.18).
 
         Raises:
-            DesignError: more modes are asked for than the mesh has.
+            DesignError: more modes are asked for than the mesh has, or the stiffnesses cannot be solved together.
         """
-        plate = plate or PlateMatrices.of(design)
+        try:
+            return ModalModel._reduced(design, plate or PlateMatrices.of(design))
+        except np.linalg.LinAlgError:
+            raise DesignError(
+                "the stiffness of panel and patches cannot be solved: they differ too much; check the young and "
+                "thickness of both"
+            ) from None
+
+    @staticmethod
+    def _reduced(design: Design, plate: PlateMatrices) -> ModalModel:
         if design.reduction.basis == "family":
             shapes, omega, parity = family_modes(plate, _count(design.reduction, plate.space.mesh.nx * 2 - 1))
         else:

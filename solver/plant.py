@@ -11,7 +11,7 @@ import numpy as np
 from solver.aerodynamics import Stream
 from solver.design import Design
 from solver.errors import DesignError
-from solver.flutter import critical_pressure, leading_eigenvalue, stiffness_in_stream, system_matrix
+from solver.flutter import GROWTH_NOISE, critical_pressure, leading_eigenvalue, stiffness_in_stream, system_matrix
 from solver.mesh import Floats
 from solver.modes import ModalModel
 from solver.piezo import channel_forces, channels
@@ -69,9 +69,22 @@ class Plant:
 
     @property
     def passive(self) -> bool:
-        """Whether the patches end the flutter alone: there are some, and λ lies below the patched λ_cr."""
+        """Whether there are patches and λ lies below the patched λ_cr, so that control is not what ends a flutter.
+
+        Where the bare panel does not flutter either, there is none to end.
+        """
         below = self.critical is None or self.design.flow.dynamic_pressure < self.critical[0]
         return bool(self.channels) and below
+
+    @property
+    def flutters(self) -> bool:
+        """Whether the flat, uncontrolled panel is unstable at this λ, by more than rounding."""
+        return bool(self.growth.real > GROWTH_NOISE * self.model.omega[0])
+
+    @property
+    def period(self) -> float:
+        """Period of the flat panel's leading root [s], or of its first mode if that root does not turn."""
+        return float(2 * np.pi / (self.growth.imag or self.model.omega[0]))
 
     @cached_property
     def growth(self) -> complex:
@@ -95,10 +108,14 @@ class Plant:
         return Plant.of(self.design, self.model.symmetric())
 
     def state_space(self) -> control.StateSpace:
-        """The linear plant as a python-control object: inputs are channel voltages [V], outputs the charges -K_φb w."""
+        """The linear plant as a python-control object: inputs are channel voltages [V], outputs charges [C].
+
+        The charge is that of the deflection, -K_φb q = Fᵀ q (the seed's 2.20 and 2.22); what a channel's capacitance
+        adds for its own voltage is left out.
+        """
         import control  # here, because it brings matplotlib with it and few runs need it
 
-        charge = np.hstack([-self.force.T, np.zeros_like(self.force.T)])
+        charge = np.hstack([self.force.T, np.zeros_like(self.force.T)])
         names = [f"V{k}" for k in range(len(self.channels))]
         system = control.ss(
             self.system_matrix, self.input_matrix, charge, 0, inputs=names, outputs=[f"Q{k}" for k in range(len(names))]

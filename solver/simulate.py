@@ -13,7 +13,8 @@ from solver.plant import Plant
 from solver.regulator import Regulator
 from solver.trace import Trace
 
-SAMPLE = 2e-4  # s between samples of a run: 35 in a period of the seed panel's flutter
+SAMPLES_A_PERIOD = 32  # of a run, in a period of the flat panel's leading root
+MOST_SAMPLES = 400_000  # of a run; a tiny panel's is sampled more coarsely, not integrated so
 STEP_OMEGA = 0.5  # step times the highest natural frequency; Runge-Kutta is stable to 2.8
 
 
@@ -79,13 +80,18 @@ def seed_protocol(loop: Loop) -> Trace:
     """The run of the design: from rest in the first mode, uncontrolled until t_on, then controlled to the end."""
     run = loop.plant.design.run
     start = first_mode_at_rest(loop.plant, run.initial_amplitude * loop.plant.design.panel.thickness)
-    free = round(run.control_on / SAMPLE)
-    rest = round(run.duration / SAMPLE) - free
-    before, idle = loop.stretch(start, SAMPLE, free, engaged=False)
+    sample = max(loop.plant.period / SAMPLES_A_PERIOD, run.duration / MOST_SAMPLES)
+    # samples are equally spaced and t_on is one of them (the end, where t_on is the start)
+    span = run.control_on or run.duration
+    sample = span / math.ceil(span / sample)
+    free, rest = round(run.control_on / sample), round((run.duration - run.control_on) / sample)
+    before, idle = loop.stretch(start, sample, free, engaged=False)
     states, volts = [start[None], before], [np.zeros((1, idle.shape[1])), idle]
     if len(before) == free:
-        after, driven = loop.stretch(before[-1] if free else start, SAMPLE, rest, engaged=True)
+        after, driven = loop.stretch(before[-1] if free else start, sample, rest, engaged=True)
         states.append(after)
         volts.append(driven)
     states = np.concatenate(states)
-    return Trace(loop.plant, SAMPLE * np.arange(len(states)), states, np.concatenate(volts))
+    return Trace(
+        loop.plant, sample * np.arange(len(states)), states, np.concatenate(volts), len(states) == free + rest + 1
+    )

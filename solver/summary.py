@@ -54,7 +54,11 @@ def flutter_facts(design: Design) -> FlutterFacts:
     if design.reduction.basis == "family":
         found = in_basis = critical_pressure(model, stream)
     else:
-        found = critical_pressure_full(few, stream)
+        guide = few
+        if few.size < FULL_BASIS:  # a poor basis points to the wrong place
+            count = min(FULL_BASIS, model.plate.stiffness.shape[0])
+            guide = ModalModel.of(design.with_reduction("patched", count), model.plate)
+        found = critical_pressure_full(guide, stream)
         in_basis = found if design.reduction.modes == "all" else critical_pressure(model, stream)
     end = 1.25 * max(found[0] if found else 0.0, design.flow.dynamic_pressure)
     pressures = np.linspace(0.0, end, SWEEP)
@@ -84,7 +88,7 @@ class RunFacts:
     damping_time_s: float | None
     """Time from t_on until the panel stays quiet [s]; None if never within the run, or passive."""
     passive: bool
-    """Whether the patches end the flutter alone: the patched λ_cr lies above λ."""
+    """Whether there are patches and the patched λ_cr lies above λ: control is not what ends a flutter here."""
     flutters: bool
     """Whether the flat, uncontrolled panel is unstable at this λ."""
     diverged: bool
@@ -133,7 +137,7 @@ def run_facts(design: Design) -> tuple[RunFacts, Trace]:
         RunFacts(
             damping_time_s=trace.damping_time,
             passive=plant.passive,
-            flutters=plant.growth.real > 0,
+            flutters=plant.flutters,
             diverged=not trace.complete,
             lco_amplitude_over_h=cycle.amplitude if cycle else None,
             lco_frequency_hz=cycle.frequency if cycle else None,

@@ -31,6 +31,8 @@ class Trace:
     """(samples, 2n) amplitudes q [m·√kg] and rates q̇ [m·√kg/s]."""
     volts: Floats
     """(samples, channels) voltage of each channel [V]."""
+    complete: bool = True
+    """Whether the run reached its end; a motion that diverges is cut off."""
 
     @property
     def amplitudes(self) -> Floats:
@@ -57,18 +59,13 @@ class Trace:
         return self.amplitudes * self.plant.model.peak / self.plant.design.panel.thickness
 
     @property
-    def complete(self) -> bool:
-        """Whether the run reached its end; a motion that diverges is cut off."""
-        return len(self.times) > round(self.plant.design.run.duration / (self.times[1] - self.times[0]))
-
-    @property
     def damping_time(self) -> float | None:
         """Time from t_on to the instant after which the largest |w| stays below `run.settled`·h [s].
 
         None if that is not reached in the run, or the layout is passive (then control is not what damped it).
         """
         run = self.plant.design.run
-        after = self.times >= run.control_on
+        after = self.times >= run.control_on * (1 - 1e-12)
         above = np.flatnonzero(self.largest[after] >= run.settled)
         times = self.times[after]
         if self.plant.passive or not self.volts.shape[1] or not len(times) or not self.complete:

@@ -212,8 +212,8 @@ def test_a_slider_ahead_of_the_design_is_left_alone(explorer: Explorer, page: Pa
 
 
 def test_the_key_engages_the_controller_and_the_motion_falls(explorer: Explorer, page: Page) -> None:
-    page.update(explorer.controls._rate, rate_name(1 / 20))
-    until(explorer, lambda: explorer.clock.rate == 1 / 20)
+    explorer.clock.rate = 1 / 20
+    until(explorer, lambda: explorer.session.time > 2 * explorer.session.period)
     before = explorer.session.amplitude
     page.key("Engage or release the controller")
     until(explorer, lambda: explorer.session.engaged)
@@ -254,17 +254,21 @@ def test_a_preset_is_loaded_and_named_until_edited(explorer: Explorer, page: Pag
     assert explorer.controls._pressure.value == 840
     until(explorer, lambda: not explorer.session.stale)
     explorer._inbox.put(do.TogglePatch(7))
-    until(explorer, lambda: explorer.controls._preset.value == "as edited")
+    until(explorer, lambda: "as edited: 1 patched" in explorer.controls._facts.content)
     explorer._inbox.put(do.Undo())
-    until(explorer, lambda: explorer.controls._preset.value == "seed-bare")
+    until(explorer, lambda: "seed-bare: 0 patched" in explorer.controls._facts.content)
 
 
-def test_rate_and_height_are_chosen_by_name(explorer: Explorer, page: Page) -> None:
-    for rate in LADDER:
-        if rate_name(rate) != explorer.controls._rate.value:
-            page.update(explorer.controls._rate, rate_name(rate))
-            until(explorer, lambda rate=rate: explorer.clock.rate == rate)
-    page.update(explorer.controls._height, "40")
+def test_rate_and_height_go_by_steps_on_their_ladders(explorer: Explorer, page: Page) -> None:
+    first = explorer.clock.rate
+    for rate in LADDER[LADDER.index(first) + 1 :]:
+        page.update(explorer.controls._rate, "Faster")
+        until(explorer, lambda rate=rate: explorer.clock.rate == rate)
+    page.update(explorer.controls._rate, "Slower")
+    until(explorer, lambda: explorer.clock.rate == LADDER[-2])
+    page.update(explorer.controls._rate, "1.5 s a cycle")
+    until(explorer, lambda: explorer.clock.rate == first)
+    page.update(explorer.controls._height, "Higher")
     until(explorer, lambda: explorer.scene.exaggeration == 40)
     assert "height × 40" in explorer.controls._legend.content
 

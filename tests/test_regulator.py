@@ -14,7 +14,8 @@ from solver import Control, Design, Loop, Plant, Regulator, load_design, nfcg
 from solver.design import Patches
 from solver.piezo import channels
 from solver.regulator import lqr_gain
-from solver.simulate import SAMPLE
+
+SAMPLE = 2e-4  # s: 28 in a period of the seed panel's flutter
 
 
 @lru_cache
@@ -115,5 +116,5 @@ def test_state_space_is_the_plant() -> None:
     assert system.ninputs == system.noutputs == len(plant.channels)
     one, other = (np.sort_complex(values) for values in (system.poles(), np.linalg.eigvals(plant.system_matrix)))
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())  # the same matrix: rounding
-    # sensing is the reciprocal of driving: charge on a channel is minus its force a volt, mode by mode
-    np.testing.assert_array_equal(np.asarray(system.C)[:, : plant.size], -plant.force.T)
+    # sensing is the reciprocal of driving: charge on a channel is its force a volt, mode by mode
+    np.testing.assert_array_equal(np.asarray(system.C)[:, : plant.size], plant.force.T)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from flutterviz.rig import Rig, rig_of
-from flutterviz.scene import FIELD_OF_VIEW, Scene, pick, picked_element
+from flutterviz.scene import FIELD_OF_VIEW, Ray, Scene, pick, picked_element
 from flutterviz.surface import DisplayGrid
 from solver import Mesh, load_design
 
@@ -71,7 +71,7 @@ def test_a_click_well_inside_an_element_names_it(element: int, s: float, t: floa
     height = wave(GRID, rise)
     point = on_surface(GRID, height, (i + s) / MESH.nx, (j + t) / MESH.ny)
     back = direction(-1.73, 0.72)  # that of the first view
-    assert picked_element(MESH, GRID, height, point + 3 * back, -back) == element
+    assert picked_element(MESH, GRID, height, Ray(tuple(point + 3 * back), tuple(-back))) == element
 
 
 @given(st.floats(0.3, 0.45), st.floats(0.4, 0.6))

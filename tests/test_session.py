@@ -15,9 +15,10 @@ from flutterviz.rig import Rig, rig_of
 from flutterviz.session import Session
 from flutterviz.status import status_of
 from solver import Design, Reduction, Trace, load_design
-from solver.simulate import SAMPLE
 
 Floats = NDArray[np.floating]
+
+SAMPLE = 2e-4  # s: 28 in a period of the seed panel's flutter
 
 FULL = load_design("seed-840")
 LIGHT = FULL.with_reduction("patched", 8)  # what is said here of commands holds for any basis; this one is quick
