@@ -59,7 +59,7 @@ class Controls:
             hint="Nondimensional dynamic pressure λ = 2qa³/(βD) of the stream",
         )
         # Button groups, not dropdowns: a dropdown keeps the focus, and keys then type into it instead of acting.
-        self._rate = gui.add_button_group("Time", RATES, hint="Slow motion: simulated time over wall time")
+        self._rate = gui.add_button_group("Time", RATES, hint="Slow motion; auto: about 1.5 s a cycle")
         self._legend = gui.add_html(legend)
         with gui.add_folder("Patches"):
             self._preset = gui.add_button_group("Preset", preset_names(), hint="Load a design")
@@ -179,7 +179,7 @@ class Controls:
 
 ENGAGE_HINT = "Switch the LQR controller on or off: it drives the patches, up to their voltage limit"
 MOTIONS = ("Pause", "Step", "Reset")
-RATE_STEPS = {"Slower": -1.0, "1.5 s a cycle": 0.0, "Faster": 1.0}
+RATE_STEPS = {"Slower": -1.0, "Auto": 0.0, "Faster": 1.0}
 RATES = tuple(RATE_STEPS)
 HEIGHT_STEPS = {"Lower": -1.0, "Higher": 1.0}
 HEIGHTS = tuple(HEIGHT_STEPS)

@@ -266,7 +266,7 @@ def test_rate_and_height_go_by_steps_on_their_ladders(explorer: Explorer, page: 
         until(explorer, lambda rate=rate: explorer.clock.rate == rate)
     page.update(explorer.controls._rate, "Slower")
     until(explorer, lambda: explorer.clock.rate == LADDER[-2])
-    page.update(explorer.controls._rate, "1.5 s a cycle")
+    page.update(explorer.controls._rate, "Auto")
     until(explorer, lambda: explorer.clock.rate == first)
     page.update(explorer.controls._height, "Higher")
     until(explorer, lambda: explorer.scene.exaggeration == 40)
