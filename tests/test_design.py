@@ -135,7 +135,7 @@ def changed(path: str, value: Any) -> str:  # noqa: ANN401 - wrong types are wha
         ("panel", None, "panel"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(path: str, value: Any, named: str) -> None:  # noqa: ANN401
+def test_what_cannot_be_is_refused_by_name(path: str, value: Any, named: str) -> None:  # noqa: ANN401 - any wrong type
     with pytest.raises(DesignError) as caught:
         design_from_json(changed(path, value), "mine.json")
     message = str(caught.value)

@@ -65,7 +65,7 @@ class Page:
             text = zstandard.ZstdDecompressor().decompress(data[16 : 16 + size])
             messages += msgspec.msgpack.decode(text, strict=False)["messages"]
 
-    def writes_to(self, handle: Any) -> list[object]:  # noqa: ANN401
+    def writes_to(self, handle: Any) -> list[object]:  # noqa: ANN401 - as above
         """Values of a widget that came in since the last call."""
         mine = [m for m in self.received() if m["type"] == "GuiUpdateMessage" and m["uuid"] == handle._impl.uuid]
         return [m["updates"]["value"] for m in mine if "value" in m["updates"]]
