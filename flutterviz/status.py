@@ -69,6 +69,8 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
             return word, "a growing mode is out of reach; patch one side alone", "!", "warn"
         if session.damping_time is not None:
             return "Controlled, quiet", f"damped {session.damping_time:.3f} s after {session.disturbed_by}", "✔", "good"
+        if session.amplitude < session.design.run.settled:
+            return "Controlled, quiet", "there is nothing left to damp", "✔", "good"
         volts = session.history.since(session.time - session.period).volts
         saturated = bool(np.any(np.abs(volts) >= 0.999 * rig.loop.regulator.limit))
         return "Controlled", "at the voltage limit" if saturated else "damping the flutter", "▼", "calm"

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 
+import numpy as np
 import pytest
 
 from flutterviz import commands as do
@@ -141,3 +142,11 @@ def test_no_two_states_share_an_icon_and_a_word() -> None:
     ]
     verdicts = [status_of(session) for session in sessions]
     assert len({verdict.icon for verdict in verdicts}) == len({verdict.word for verdict in verdicts}) == len(verdicts)
+
+
+def test_a_panel_that_was_quiet_already_is_said_to_be() -> None:
+    session = running(SEED, 0.0, do.Engage())
+    session.state = np.zeros_like(session.state)
+    session.history.clear()
+    assert word_of(session) == "Controlled, quiet"
+    assert session.damping_time is None  # none was measured
