@@ -8,10 +8,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 import scipy.sparse as sp
 
-from solver.bfs import bending_shape, gauss, inplane_shape
-from solver.design import Design
-from solver.laminate import Laminate
-from solver.mesh import Bools, Floats, Ints, Mesh
+from solver.banded import definite_solver
+from solver.bfs import bending_shape, gauss, membrane_strain
+from solver.design import Design, Load
+from solver.laminate import Laminate, flexural_rigidity
+from solver.mesh import Floats, Ints, Mesh
 
 STIFFNESS_POINTS = 4  # a side: exact for products of two cubics (degree 6)
 
@@ -30,10 +31,10 @@ class Pattern:
     """(elements·k·k,) position of every element-matrix entry among the nonzeros; one past the end where held."""
 
     @staticmethod
-    def of(dofs: Ints, free: Bools) -> Pattern:
-        """The pattern of elements with the given (elements, k) dofs."""
-        size = int(free.sum())
-        number = np.where(free, np.cumsum(free) - 1, -1)[dofs]
+    def of(dofs: Ints, unknowns: Ints) -> Pattern:
+        """The pattern of elements with the given (elements, k) dofs, whose unknowns are numbered, -1 where held."""
+        size = int(unknowns.max(initial=-1)) + 1
+        number = unknowns[dofs]
         row, column = np.broadcast_arrays(number[:, :, None], number[:, None, :])
         held = (row < 0) | (column < 0)
         keys, slot = np.unique(np.where(held, size * size, row * size + column), return_inverse=True)
@@ -57,12 +58,12 @@ class Space:
     @cached_property
     def bending(self) -> Pattern:
         """Pattern of the bending dofs."""
-        return Pattern.of(self.mesh.bending_dofs, self.mesh.free_bending)
+        return Pattern.of(self.mesh.bending_dofs, self.mesh.bending_unknowns)
 
     @cached_property
     def inplane(self) -> Pattern:
         """Pattern of the in-plane dofs."""
-        return Pattern.of(self.mesh.inplane_dofs, self.mesh.free_inplane)
+        return Pattern.of(self.mesh.inplane_dofs, self.mesh.inplane_unknowns)
 
     @cached_property
     def weights(self) -> Floats:
@@ -81,24 +82,50 @@ class Space:
         return self.shape(0, 0).T @ (self.weights[:, None] * self.shape(0, 0))
 
     @cached_property
+    def curvature(self) -> Floats:
+        """(3, points, 16) κ = -(w,xx, w,yy, 2 w,xy) as in the seed's (2.2), at the Gauss points."""
+        return -np.stack([self.shape(2, 0), self.shape(0, 2), 2 * self.shape(1, 1)])
+
+    @cached_property
     def curvature_integrals(self) -> Floats:
-        """(3, 3, 16, 16) ∫ κ_a κ_bᵀ dA of an element, with κ = -(w,xx, w,yy, 2 w,xy) as in the seed's (2.2)."""
-        curvature = -np.stack([self.shape(2, 0), self.shape(0, 2), 2 * self.shape(1, 1)])
-        return np.einsum("g,agi,bgj->abij", self.weights, curvature, curvature)
+        """(3, 3, 16, 16) ∫ κ_a κ_bᵀ dA of an element."""
+        return np.einsum("g,agi,bgj->abij", self.weights, self.curvature, self.curvature)
 
     @cached_property
     def moment_integral(self) -> Floats:
-        """(16,) ∫ (κ_x + κ_y) dA of an element [-]: the work of a unit moment in both directions on each dof."""
-        return -self.weights @ (self.shape(2, 0) + self.shape(0, 2))
+        """(3, 16) ∫ κ dA of an element [-]: the work of unit moments (x, y, xy) on each dof."""
+        return self.weights @ self.curvature
+
+    @cached_property
+    def strain(self) -> Floats:
+        """(3, points, 8) ε = (u,x, v,y, u,y + v,x) at the Gauss points."""
+        s, _ = gauss(STIFFNESS_POINTS)
+        return membrane_strain(self.mesh, s)
 
     @cached_property
     def membrane_integrals(self) -> Floats:
-        """(3, 3, 8, 8) ∫ ε_a ε_bᵀ dA of an element, with ε = (u,x, v,y, u,y + v,x)."""
-        s, weight = gauss(2)
-        strain = np.zeros((3, len(s) ** 2, 8))
-        strain[0, :, :4] = strain[2, :, 4:] = inplane_shape(self.mesh, s, s, 1, 0)
-        strain[1, :, 4:] = strain[2, :, :4] = inplane_shape(self.mesh, s, s, 0, 1)
-        return np.einsum("g,agi,bgj->abij", np.kron(weight, weight) * self.mesh.hx * self.mesh.hy, strain, strain)
+        """(3, 3, 8, 8) ∫ ε_a ε_bᵀ dA of an element."""
+        return np.einsum("g,agi,bgj->abij", self.weights, self.strain, self.strain)
+
+    @cached_property
+    def coupling_integrals(self) -> Floats:
+        """(3, 3, 8, 16) ∫ ε_a κ_bᵀ dA of an element."""
+        return np.einsum("g,agi,bgj->abij", self.weights, self.strain, self.curvature)
+
+    @cached_property
+    def slope_products(self) -> Floats:
+        """(3, points, 16, 16) weighted w,x w,xᵀ, w,y w,yᵀ and w,x w,yᵀ + w,y w,xᵀ at the Gauss points."""
+        x, y = self.shape(1, 0), self.shape(0, 1)
+        xx, yy, xy = (np.einsum("g,gi,gj->gij", self.weights, p, q) for p, q in ((x, x), (y, y), (x, y)))
+        return np.stack([xx, yy, xy + xy.transpose(0, 2, 1)])
+
+    @cached_property
+    def gauss_points(self) -> tuple[Floats, Floats]:
+        """x/a and y/b of the Gauss points, each (elements, points)."""
+        mesh, (s, _) = self.mesh, gauss(STIFFNESS_POINTS)
+        i, j = np.divmod(np.arange(mesh.elements), mesh.ny)
+        along, across = np.repeat(s, len(s)), np.tile(s, len(s))
+        return (i[:, None] + along) / mesh.nx, (j[:, None] + across) / mesh.ny
 
     @cached_property
     def bare_mass(self) -> sp.csr_array:
@@ -119,8 +146,7 @@ class Space:
     def mirror(self) -> tuple[sp.csr_array, sp.csr_array]:
         """Orthonormal bases (free dofs, …) of the motions symmetric and antisymmetric about y = b/2."""
         mesh = self.mesh
-        number = np.where(mesh.free_bending, np.cumsum(mesh.free_bending) - 1, -1)
-        own = number.reshape(mesh.nx + 1, mesh.ny + 1, 4)
+        own = mesh.bending_unknowns.reshape(mesh.nx + 1, mesh.ny + 1, 4)
         partner = own[:, ::-1]
         turned = np.array([1.0, 1.0, -1.0, -1.0])  # w and w,x keep their sign in the mirror, w,y and w,xy do not
         sign = np.broadcast_to(turned, own.shape)
@@ -155,32 +181,138 @@ def space_of(mesh: Mesh) -> Space:
 
 @dataclass(frozen=True)
 class PlateMatrices:
-    """The plate of a design, discretised: structure with its patches on; the flow is added by the plant."""
+    """The plate of a design, discretised: structure with its patches on; the flow is added by the plant.
+
+    Deflections w and in-plane displacements u about the flat state have the quadratic energy
+    ½ wᵀ(K + K_N)w + uᵀ K_mb w + ½ uᵀ K_m u - wᵀ f, on which large deflection then builds.
+    """
 
     space: Space
     """The mesh and its element integrals."""
+    laminate: Laminate
+    """Section properties of every element."""
     stiffness: sp.csr_array
     """(N, N) bending stiffness K [N/m and its moments] over the free dofs."""
     mass: sp.csr_array
     """(N, N) mass M [kg and its moments]."""
     membrane: sp.csr_array
     """(Nm, Nm) in-plane stiffness K_m [N/m]."""
-    extension: Floats
-    """(elements, 3, 3) A of every element [N/m]."""
+    coupling: sp.csr_array | None
+    """(Nm, N) K_mb that ties u to w where a lay-up is unsymmetric; None where B = 0."""
+    prestress: Floats | None
+    """(elements, points, 3) stress resultants N before deflection at the Gauss points [N/m]; None if there are none."""
+    geometric: sp.csr_array | None
+    """(N, N) geometric stiffness K_N of those [N/m and its moments]."""
+    load: Floats
+    """(N,) static force f on w, of heat in an unsymmetric lay-up [N and its moments]."""
     mirrored: bool
-    """Whether patches and edges are symmetric about y = b/2."""
+    """Whether patches, lay-up, edges and loads are symmetric about y = b/2."""
 
     @staticmethod
     def of(design: Design) -> PlateMatrices:
-        """Assemble the plate of a design (the seed's 2.12, linear part)."""
+        """Assemble the plate of a design (the seed's 2.12, without the flow).
+
+        Raises:
+            DesignError: the in-plane stiffness cannot be solved for the thermal stresses.
+        """
         space = space_of(Mesh.of(design.panel, design.mesh))
         laminate = Laminate.of(design)
+        membrane = space.inplane.matrix(np.einsum("eab,abij->eij", laminate.extension, space.membrane_integrals))
+        coupling = None if laminate.symmetric else _coupling(space, laminate)
+        prestress, load = _prestress(design, space, laminate, membrane)
+        products = space.slope_products
         return PlateMatrices(
             space=space,
+            laminate=laminate,
             stiffness=space.bending.matrix(np.einsum("eab,abij->eij", laminate.bending, space.curvature_integrals)),
             mass=space.bending.matrix(laminate.mass[:, None, None] * space.mass_integral),
-            membrane=space.inplane.matrix(np.einsum("eab,abij->eij", laminate.extension, space.membrane_integrals)),
-            extension=laminate.extension,
+            membrane=membrane,
+            coupling=coupling,
+            prestress=prestress,
+            geometric=None
+            if prestress is None
+            else space.bending.matrix(np.einsum("ega,agij->eij", prestress, products, optimize=True)),
+            load=load,
             mirrored=design.panel.edges[2] == design.panel.edges[3]
+            and design.panel.held[2] == design.panel.held[3]
+            and laminate.mirrored
             and space.mesh.mirror_image(design.patches.elements) == design.patches.elements,
         )
+
+    def linear(self, loaded: bool) -> tuple[sp.csr_array, sp.csr_array]:
+        """Stiffness and mass of the flat plate, over (w, u) where a lay-up couples the two and over w alone elsewhere.
+
+        Args:
+            loaded: whether the stiffness takes in the stresses before deflection.
+        """
+        stiffness = self.stiffness if self.geometric is None or not loaded else self.stiffness + self.geometric
+        if self.coupling is None:
+            return sp.csr_array(stiffness), self.mass
+        whole = sp.block_array([[stiffness, self.coupling.T], [self.coupling, self.membrane]], format="csr")
+        return sp.csr_array(whole), self.widened(self.mass)
+
+    def condensed_stiffness(self) -> Floats:
+        """(N, N) stiffness of w before preload and heat, in-plane displacements condensed out: dense."""
+        if self.coupling is None:
+            return self.stiffness.toarray()
+        coupling = self.coupling.toarray()
+        return self.stiffness.toarray() - coupling.T @ definite_solver(self.membrane)(coupling)
+
+    def widened(self, matrix: sp.csr_array) -> sp.csr_array:
+        """A matrix over w, (N, N), as one over what `linear` is over: nothing but w has mass or feels the flow."""
+        if self.coupling is None:
+            return matrix
+        none = sp.csr_array((self.membrane.shape[0], self.membrane.shape[0]))
+        return sp.csr_array(sp.block_diag([matrix, none], format="csr"))
+
+
+def _coupling(space: Space, laminate: Laminate) -> sp.csr_array:
+    """(Nm, N) ∫ εᵀ B κ dA, the stiffness between in-plane and bending unknowns of an unsymmetric lay-up."""
+    blocks = np.einsum("eab,abij->eij", laminate.coupling, space.coupling_integrals)
+    mesh = space.mesh
+    rows = np.broadcast_to(mesh.inplane_unknowns[mesh.inplane_dofs][:, :, None], blocks.shape)
+    columns = np.broadcast_to(mesh.bending_unknowns[mesh.bending_dofs][:, None, :], blocks.shape)
+    kept = (rows >= 0) & (columns >= 0)
+    shape = (space.inplane.size, space.bending.size)
+    return sp.csr_array(sp.coo_array((blocks[kept], (rows[kept], columns[kept])), shape=shape))
+
+
+def _prestress(
+    design: Design, space: Space, laminate: Laminate, membrane: sp.csr_array
+) -> tuple[Floats | None, Floats]:
+    """Stress resultants before deflection (elements, points, 3) [N/m] and the static force (N,) that comes with them.
+
+    Heat strains the panel in its plane as far as edges and neighbours let it: K_m u = ∫ Bᵀ N_T dA, N = A B u - N_T. In
+    an unsymmetric lay-up that also bends it: f = ∫ κᵀ (M_T - B ε) dA. Preload is uniform, and along the mid-plane.
+    """
+    load, mesh, panel = design.load, space.mesh, design.panel
+    none = np.zeros(space.bending.size)
+    if load == Load():
+        return None, none
+    unit = np.pi**2 * flexural_rigidity(panel) / panel.length**2
+    stress = np.zeros((mesh.elements, len(space.weights), 3))
+    stress[..., :2] = -unit * np.array([load.preload_x, load.preload_y])
+    if not load.temperature and not load.temperature_centre:
+        return stress, none
+    x, y = space.gauss_points
+    rise = load.temperature + load.temperature_centre * 16 * x * (1 - x) * y * (1 - y)
+    held = np.einsum("ea,eg->ega", laminate.thermal_force, rise)
+    pull = np.einsum("g,ega,agi->ei", space.weights, held, space.strain, optimize=True)
+    u = np.zeros(space.inplane.size + 1)
+    number = mesh.inplane_unknowns[mesh.inplane_dofs]  # held dofs, -1, take the place at the end, which stays zero
+    u[:-1] = definite_solver(membrane)(scatter(number, pull, space.inplane.size))
+    strain = np.einsum("agi,ei->ega", space.strain, u[number])
+    stress += np.einsum("eab,egb->ega", laminate.extension, strain) - held
+    if not laminate.warps:
+        return stress, none
+    moment = np.einsum("ea,eg->ega", laminate.thermal_moment, rise)
+    moment -= np.einsum("eba,egb->ega", laminate.coupling, strain)
+    bend = np.einsum("g,ega,agi->ei", space.weights, moment, space.curvature, optimize=True)
+    return stress, scatter(mesh.bending_unknowns[mesh.bending_dofs], bend, space.bending.size)
+
+
+def scatter(number: Ints, blocks: Floats, size: int) -> Floats:
+    """Sum element vectors (elements, k, …) into one (size, …) by their unknowns' numbers, leaving out those of -1."""
+    total = np.zeros((size + 1, *blocks.shape[2:]))
+    np.add.at(total, number, blocks)
+    return total[:-1]

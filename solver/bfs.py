@@ -51,3 +51,11 @@ def bending_shape(mesh: Mesh, s: Floats, t: Floats, dx: int = 0, dy: int = 0) ->
 def inplane_shape(mesh: Mesh, s: Floats, t: Floats, dx: int = 0, dy: int = 0) -> Floats:
     """Bilinear functions, or their derivative, on the tensor grid of positions s × t: (len(s)·len(t), 4)."""
     return np.kron(linear(s, mesh.hx, dx), linear(t, mesh.hy, dy))
+
+
+def membrane_strain(mesh: Mesh, s: Floats) -> Floats:
+    """(3, len(s)², 8) strain ε = (u,x, v,y, u,y + v,x) of the in-plane dofs on the tensor grid of positions s × s."""
+    strain = np.zeros((3, len(s) ** 2, 8))
+    strain[0, :, :4] = strain[2, :, 4:] = inplane_shape(mesh, s, s, 1, 0)
+    strain[1, :, 4:] = strain[2, :, :4] = inplane_shape(mesh, s, s, 0, 1)
+    return strain

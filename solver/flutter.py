@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.linalg
 import scipy.optimize
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from solver.aerodynamics import Stream
+from solver.bases import lowest_modes
 from solver.mesh import Floats
 from solver.modes import ModalModel
 
@@ -19,14 +21,19 @@ SCAN_STEP = 40.0  # λ between trial points: narrower windows of instability tha
 SCAN_END = 20_000.0
 RESOLUTION = 1e-9  # relative accuracy of λ_cr as a root; how well the basis resolves it is another matter
 JUST_ABOVE = 1 + 1e-6  # where the pair that has met stands out from the rest, to read its frequency
+WINDOWS = 10  # parts of a small λ_cr below which instability that ends again is looked for
+GUIDE = 40  # modes at least that point the full-order search to where flutter lies
+CLEARANCE = 2e-3  # of λ_cr: so far below it nothing else must grow
+SHIFTS = 5  # places on the frequency axis at which that is looked at, NEAREST roots each
+SMALL = 24  # unknowns up to which all eigenvalues are sought at once
 NEAREST = 4  # eigenvalues sought about the flutter frequency; two of them meet
 GROWTH_NOISE = 1e-6  # of ω1: an undamped pair about to meet is known to √ε only, so less than this is no growth
 
 
 def stiffness_in_stream(model: ModalModel, stream: Stream, dynamic_pressure: float) -> Floats:
-    """(n, n) modal stiffness with the flow's: Ω² + λ D11/a³ (A_x cosΛ + A_y sinΛ) [1/s²]."""
+    """(n, n) modal stiffness with the flow's: Ω² + Φᵀ K_N Φ + λ D11/a³ (A_x cosΛ + A_y sinΛ) [1/s²]."""
     slope = stream.cosine * model.slope_x + (stream.sine * model.slope_y if stream.sine else 0.0)
-    return np.diag(model.omega**2) + dynamic_pressure * stream.slope_unit * slope
+    return np.diag(model.omega**2) + model.geometric + dynamic_pressure * stream.slope_unit * slope
 
 
 def system_matrix(model: ModalModel, stream: Stream, dynamic_pressure: float) -> Floats:
@@ -39,14 +46,18 @@ def system_matrix(model: ModalModel, stream: Stream, dynamic_pressure: float) ->
     return matrix
 
 
-def leading_eigenvalue(matrix: Floats) -> complex:
+def leading_eigenvalue(matrix: Floats, slowest: float = -1.0) -> complex:
     """The eigenvalue of largest real part, taken with a non-negative imaginary part [1/s].
 
-    Blocks that do not touch each other, as symmetric and antisymmetric modes, are taken apart: less work.
+    With `slowest` [rad/s], only those that turn faster than it count (-∞ if there are none); by default all do. Blocks
+    that do not touch each other, as symmetric and antisymmetric modes, are taken apart: less work.
     """
     count, label = connected_components(sp.csr_array(matrix != 0), directed=False)
     blocks = (np.flatnonzero(label == k) for k in range(count))
     values = np.concatenate([np.linalg.eigvals(matrix[np.ix_(b, b)]) for b in blocks])
+    values = values[np.abs(values.imag) > slowest]
+    if not len(values):
+        return complex(-np.inf, 0.0)
     value = values[np.argmax(values.real)]
     return complex(value.real, abs(value.imag))
 
@@ -54,46 +65,118 @@ def leading_eigenvalue(matrix: Floats) -> complex:
 def critical_pressure(model: ModalModel, stream: Stream) -> tuple[float, float] | None:
     """Smallest λ at which the flat panel loses stability, in the given modes.
 
+    A panel that preload or heat has buckled is not stable in still air either: there, the smallest λ at which it begins
+    to oscillate about the flat state with growing amplitude.
+
     Returns:
         λ_cr [-] and the flutter frequency there [rad/s] (0 for divergence); None if stable up to λ = 20 000.
     """
     noise = GROWTH_NOISE * model.omega[0]
-    found = _first_root(
-        lambda value: leading_eigenvalue(system_matrix(model, stream, value)).real - noise, 0.0, SCAN_STEP, SCAN_END
-    )
+    turning = buckled(model)
+
+    def leading(value: float) -> complex:
+        return leading_eigenvalue(system_matrix(model, stream, value), noise if turning else -1.0)
+
+    def growth(value: float) -> float:
+        return leading(value).real - noise
+
+    found = _first_root(growth, 0.0, SCAN_STEP, SCAN_END)
+    if found is not None and found < SCAN_STEP * WINDOWS:  # a small λ_cr may have smaller windows below it
+        found = _first_root(growth, 0.0, found / WINDOWS, found) or found
     if found is None:
         return None
-    return found, leading_eigenvalue(system_matrix(model, stream, found * JUST_ABOVE)).imag
+    return found, leading(found * JUST_ABOVE).imag
+
+
+def buckled(model: ModalModel) -> bool:
+    """Whether preload or heat buckles the flat panel with no flow: its stiffness is not positive definite."""
+    if model.plate.geometric is None:
+        return False
+    return bool(np.linalg.eigvalsh(np.diag(model.omega**2) + model.geometric)[0] <= 0)
 
 
 def critical_pressure_full(model: ModalModel, stream: Stream) -> tuple[float, float] | None:
-    """As `critical_pressure`, with every mode that the mesh has, by shift-and-invert about the model's own answer.
+    """As `critical_pressure`, with every mode that the mesh has, by shift-and-invert on the sparse matrices.
 
-    The model points to where flutter lies; the root is then found on the sparse matrices with no reduction at all.
+    At least `GUIDE` modes point to where flutter lies; the root is then found with no reduction at all. Below it the
+    eigenvalues near the guide's other roots are looked at as well, and if some root grows there already, its own λ_cr
+    is sought.
     """
-    estimate = critical_pressure(model, stream)
+    guide = model if model.size >= GUIDE else _guide(model)
+    estimate = critical_pressure(guide, stream)
     if estimate is None:
         return None
-    plate, space = model.plate, model.plate.space
-    slope = stream.slope_unit * (stream.cosine * space.slope_x + stream.sine * space.slope_y)
-    leading = _leading_damped if stream.damping > 0 else _leading_undamped
-
-    def rate(value: float) -> complex:
-        pencil = (plate.stiffness + value * slope, stream.rate(value) * space.bare_mass, plate.mass)
-        return leading(*pencil, estimate[1] or float(model.omega[0]))
-
-    noise = GROWTH_NOISE * model.omega[0]
-
-    def growth(value: float) -> float:
-        return rate(value).real - noise
-
-    near = 0.8 * estimate[0]
-    start = near if growth(near) <= 0 else 0.0
-    found = _first_root(growth, start, 0.05 * estimate[0], 4 * estimate[0])
-    return None if found is None else (found, abs(rate(found * JUST_ABOVE).imag))
+    pencil = _Pencil(guide, stream)
+    found = pencil.critical(0.8 * estimate[0], estimate[0], estimate[1] or float(guide.omega[0]))
+    while found is not None:
+        below = (1 - CLEARANCE) * found[0]
+        growing = next((f for f in _frequencies(guide, stream, below) if pencil.growth(below, f) > 0), None)
+        earlier = pencil.critical(0.0, below, growing) if growing is not None else None
+        if earlier is None or earlier[0] >= below:
+            return found
+        found = earlier
+    return None
 
 
-def _leading_damped(stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr_array, frequency: float) -> complex:
+def _guide(model: ModalModel) -> ModalModel:
+    count = min(GUIDE, model.plate.stiffness.shape[0] // 2)
+    return ModalModel(model.plate, *lowest_modes(model.plate, count)) if count > model.size else model
+
+
+def _frequencies(model: ModalModel, stream: Stream, value: float) -> list[float]:
+    """Frequencies among the model's lowest roots at λ, one to every few that one shift finds [rad/s]."""
+    roots = np.linalg.eigvals(system_matrix(model, stream, value))
+    turning = np.sort(np.abs(roots.imag[roots.imag > 0]))[: NEAREST * SHIFTS]
+    return [float(f) for f in turning[NEAREST // 2 :: NEAREST]]
+
+
+class _Pencil:
+    """The full-order eigenvalue problem (s² M + s C + K) x = 0 over λ."""
+
+    def __init__(self, model: ModalModel, stream: Stream) -> None:
+        plate, space = model.plate, model.plate.space
+        self.stream = stream
+        self.slope = plate.widened(stream.slope_unit * (stream.cosine * space.slope_x + stream.sine * space.slope_y))
+        self.damping = plate.widened(space.bare_mass)
+        self.stiffness, self.mass = plate.linear(loaded=True)
+        self.noise = GROWTH_NOISE * float(model.omega[0])
+        self.slowest = self.noise if buckled(model) else -1.0
+
+    def leading(self, value: float, frequency: float) -> complex:
+        """Fastest growing of the roots nearest to a frequency [rad/s] at λ [1/s]."""
+        solve = _leading_damped if self.stream.damping > 0 else _leading_undamped
+        stiffness = sp.csr_array(self.stiffness + value * self.slope)
+        if self.mass.shape[0] <= SMALL:  # too few for Arnoldi
+            return self._dense(stiffness.toarray(), self.stream.rate(value) * self.damping.toarray())
+        return solve(stiffness, self.stream.rate(value) * self.damping, self.mass, frequency, self.slowest)
+
+    def _dense(self, stiffness: Floats, damping: Floats) -> complex:
+        n = len(stiffness)
+        zero, one = np.zeros((n, n)), np.eye(n)
+        left = np.block([[zero, one], [-stiffness, -damping]])
+        right = np.block([[one, zero], [zero, self.mass.toarray()]])
+        values = scipy.linalg.eigvals(left, right)
+        values = values[np.isfinite(values) & (np.abs(values.imag) > self.slowest)]
+        return complex(values[np.argmax(values.real)]) if len(values) else complex(-np.inf, 0.0)
+
+    def growth(self, value: float, frequency: float) -> float:
+        """Its growth beyond rounding [1/s]."""
+        return self.leading(value, frequency).real - self.noise
+
+    def critical(self, start: float, estimate: float, frequency: float) -> tuple[float, float] | None:
+        """λ_cr from a start on, or from 0 if it grows there already, and the frequency there [rad/s]."""
+
+        def growth(value: float) -> float:
+            return self.growth(value, frequency)
+
+        low = start if growth(start) <= 0 else 0.0
+        found = _first_root(growth, low, 0.05 * estimate, 4 * estimate)
+        return None if found is None else (found, abs(self.leading(found * JUST_ABOVE, frequency).imag))
+
+
+def _leading_damped(
+    stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr_array, frequency: float, slowest: float
+) -> complex:
     """Fastest growing of the eigenvalues s nearest to iω of (s² M + s C + K) x = 0, by Arnoldi on its companion."""
     # time in units of 1/ω, so that displacements and rates weigh alike whatever the panel's size
     stiffness, damping = sp.csr_array(stiffness / frequency**2), sp.csr_array(damping / frequency)
@@ -107,16 +190,20 @@ def _leading_damped(stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr
 
     operator = spla.LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=np.complex128)
     values = shift + 1 / spla.eigs(operator, NEAREST, v0=_start(2 * n).astype(complex), return_eigenvectors=False)
-    return complex(values[np.argmax(values.real)]) * frequency
+    values = values[np.abs(values.imag) > slowest / frequency]
+    return complex(values[np.argmax(values.real)]) * frequency if len(values) else complex(-np.inf, 0.0)
 
 
-def _leading_undamped(stiffness: sp.csr_array, _: sp.csr_array, mass: sp.csr_array, frequency: float) -> complex:
+def _leading_undamped(
+    stiffness: sp.csr_array, _: sp.csr_array, mass: sp.csr_array, frequency: float, slowest: float
+) -> complex:
     """As `_leading_damped` without damping, from the eigenvalues -s² of (K, M), half the size and better behaved."""
     factor = spla.splu((stiffness - frequency**2 * mass).tocsc())
     operator = spla.LinearOperator(mass.shape, matvec=lambda x: factor.solve(np.asarray(mass @ x)), dtype=np.float64)
     values = frequency**2 + 1 / spla.eigs(operator, NEAREST, v0=_start(mass.shape[0]), return_eigenvectors=False)
     roots: NDArray[np.complex128] = np.sqrt(-values.astype(np.complex128))
-    return complex(roots[np.argmax(np.abs(roots.real))])
+    roots = roots[np.abs(roots.imag) > slowest]
+    return complex(roots[np.argmax(np.abs(roots.real))]) if len(roots) else complex(-np.inf, 0.0)
 
 
 def _start(size: int) -> Floats:

@@ -15,7 +15,9 @@ _FAST = {"reassoc", "contract", "nsz", "arcp"}
 def _acceleration(
     x: Floats,
     linear: Floats,
+    quartic: Floats,
     cubic: Floats,
+    load: Floats,
     force: Floats,
     gain: Floats,
     limit: float,
@@ -26,6 +28,7 @@ def _acceleration(
 ) -> None:
     """q̈ into `out` (n,) and the saturated voltages into `volts`, at the state x = (q, q̇); the rest is work space."""
     n = out.size
+    coupled = cubic.shape[0] > 0
     p = 0
     for r in range(n):
         pairs[p] = x[r] * x[r]
@@ -36,10 +39,13 @@ def _acceleration(
     p = 0
     for r in range(n):
         for s in range(r, n):
-            row = cubic[p]
+            row = quartic[p]
             total = 0.0
             for k in range(row.size):
                 total += row[k] * pairs[k]
+            if coupled:
+                for k in range(n):
+                    total += cubic[p, k] * x[k]
             stress[r, s] = total
             stress[s, r] = total
             p += 1
@@ -57,14 +63,20 @@ def _acceleration(
             nonlinear += stress[r, s] * x[s]
         for c in range(volts.size):
             total += force[r, c] * volts[c]
-        out[r] = total - 2.0 * nonlinear
+        out[r] = load[r] + total - 2.0 * nonlinear
+    if coupled:
+        for p in range(pairs.size):
+            for r in range(n):
+                out[r] -= pairs[p] * cubic[p, r]
 
 
 @numba.njit(cache=True, fastmath=_FAST, nogil=True)
 def integrate(
     state: Floats,
     linear: Floats,
+    quartic: Floats,
     cubic: Floats,
+    load: Floats,
     force: Floats,
     gain: Floats,
     limit: float,
@@ -73,12 +85,14 @@ def integrate(
     states: Floats,
     volts: Floats,
 ) -> int:
-    """Integrate q̈ = -linear·(q, q̇) - f(q) + force·V, V = clip(-gain·(q, q̇), ± limit), with classical Runge-Kutta.
+    """Integrate q̈ = load - linear·(q, q̇) - f(q) + force·V, V = clip(-gain·(q, q̇), ± limit), by classical Runge-Kutta.
 
     Args:
         state: (2n,) start, not changed.
         linear: (n, 2n) stiffness and damping side by side.
-        cubic: (pairs, pairs) matrix of the cubic law.
+        quartic: (pairs, pairs) G of the membrane's energy.
+        cubic: (pairs, n) H of it, or (0, n).
+        load: (n,) static force.
         force: (n, channels) modal force a volt.
         gain: (channels, 2n) feedback gain.
         limit: largest voltage [V].
@@ -95,7 +109,7 @@ def integrate(
     stage = np.empty_like(x)
     rate = np.empty_like(x)
     total = np.empty_like(x)
-    pairs = np.empty(cubic.shape[0])
+    pairs = np.empty(quartic.shape[0])
     stress = np.empty((n, n))
     drive = np.zeros(force.shape[1])
     for sample in range(states.shape[0]):
@@ -106,7 +120,7 @@ def integrate(
             for phase in range(4):
                 for k in range(n):
                     rate[k] = stage[n + k]
-                _acceleration(stage, linear, cubic, force, gain, limit, pairs, stress, drive, rate[n:])
+                _acceleration(stage, linear, quartic, cubic, load, force, gain, limit, pairs, stress, drive, rate[n:])
                 weight = step / 6.0 if phase == 0 or phase == 3 else step / 3.0
                 reach = step if phase == 2 else 0.5 * step
                 for k in range(2 * n):
@@ -114,7 +128,7 @@ def integrate(
                     stage[k] = x[k] + reach * rate[k]
             for k in range(2 * n):
                 x[k] += total[k]
-        _acceleration(x, linear, cubic, force, gain, limit, pairs, stress, drive, rate[n:])
+        _acceleration(x, linear, quartic, cubic, load, force, gain, limit, pairs, stress, drive, rate[n:])
         for k in range(2 * n):
             if not np.isfinite(x[k]):
                 return sample

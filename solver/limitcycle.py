@@ -27,24 +27,28 @@ class LimitCycle:
     amplitude: float
     """Peak of |w| at the 0.75 a point over h [-]."""
     frequency: float
-    """Frequency by upward crossings of zero [Hz]; 0 if there are fewer than two."""
+    """Frequency by upward crossings of the middle of its range [Hz]; 0 if there are fewer than two."""
     participation: Floats
     """(n,) share of each mode, max|q_r| / Σ max|q_s| [%] (the seed's 3.9), q_r scaled by the mode's peak."""
     state: Floats
     """(2n,) a state on the cycle, amplitudes [m·√kg] and rates [m·√kg/s]."""
 
 
-def limit_cycle(loop: Loop) -> LimitCycle | None:
-    """The limit cycle that the design's uncontrolled panel settles into from the start of the seed protocol.
+def limit_cycle(loop: Loop, start: Floats | None = None) -> LimitCycle | None:
+    """The limit cycle that the design's uncontrolled panel settles into.
+
+    Args:
+        loop: the panel; its regulator is not used.
+        start: (2n,) state to start from; that of the seed protocol if none is given.
 
     Returns:
-        The cycle; None where the panel does not flutter, or the motion diverged.
+        The cycle; None where the panel does not flutter, comes to rest in a deflection, or the motion diverged.
     """
     plant = loop.plant
-    if not plant.flutters:
+    if start is None and not plant.flutters:
         return None
     thickness = plant.design.panel.thickness
-    state = first_mode_at_rest(plant, plant.design.run.initial_amplitude * thickness)
+    state = first_mode_at_rest(plant, plant.design.run.initial_amplitude * thickness) if start is None else start
     sample, samples = plant.period / SAMPLES_A_PERIOD, WINDOW_PERIODS * SAMPLES_A_PERIOD
     peaks: list[float] = []
     trace = None
@@ -54,14 +58,18 @@ def limit_cycle(loop: Loop) -> LimitCycle | None:
             return None
         state = states[-1]
         trace = Trace(plant, sample * np.arange(samples), states, volts)
-        peaks.append(_peak(trace.probe))
-        if all(_resting(peaks[: len(peaks) - k]) for k in range(3)):
-            return _measured(trace, peaks[-1], state, converged=True)
+        peaks.append(peak_of(trace.probe))
+        if len(peaks) > 2 and peaks[-1] < min(SMALL, peaks[-2]) and not plant.flutters:
+            return None  # on its way to rest
+        if len(peaks) > 2 and np.ptp(trace.probe) <= NOISE * peaks[-1]:
+            return None  # a deflection in which nothing moves any more
+        if all(resting(peaks[: len(peaks) - k]) for k in range(3)):
+            return measured_cycle(trace, peaks[-1], state, converged=True)
     assert trace is not None
-    return _measured(trace, peaks[-1], state, converged=False)
+    return measured_cycle(trace, peaks[-1], state, converged=False)
 
 
-def _resting(peaks: list[float]) -> bool:
+def resting(peaks: list[float]) -> bool:
     """Whether the amplitude looks at rest after the last of these windows.
 
     A small change from window to window is not enough: an amplitude that creeps may have a long way to go. The change
@@ -76,12 +84,20 @@ def _resting(peaks: list[float]) -> bool:
     return second < first and second * second / (first - second) <= AGREEMENT * peaks[-1]
 
 
-def _measured(trace: Trace, amplitude: float, state: Floats, converged: bool) -> LimitCycle:
+def measured_cycle(trace: Trace, amplitude: float, state: Floats, converged: bool) -> LimitCycle:
+    """The figures of a motion's last window.
+
+    Args:
+        trace: the window.
+        amplitude: peak of |w| in it at the 0.75 a point, over h [-].
+        state: (2n,) where it ended.
+        converged: whether its amplitude is at rest.
+    """
     share = np.abs(trace.modal).max(axis=0)
     return LimitCycle(converged, amplitude, _frequency(trace.times, trace.probe), 100 * share / share.sum(), state)
 
 
-def _peak(values: Floats) -> float:
+def peak_of(values: Floats) -> float:
     """Largest |value|: some cycles are not alike in up and down."""
     return max(_highest(values), _highest(-values))
 
@@ -95,7 +111,8 @@ def _highest(values: Floats) -> float:
 
 
 def _frequency(times: Floats, values: Floats) -> float:
-    """Mean frequency by upward zero crossings, interpolated linearly [Hz]."""
+    """Mean frequency by upward crossings of the middle, interpolated linearly [Hz]."""
+    values = values - (values.max() + values.min()) / 2
     k = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
     if len(k) < 2:
         return 0.0

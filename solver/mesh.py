@@ -34,12 +34,14 @@ class Mesh:
     ny: int
     """Elements along y."""
     edges: str
-    """Edges at x = 0, x = a, y = 0, y = b: s simply supported, c clamped."""
+    """Edges at x = 0, x = a, y = 0, y = b: s simply supported, c clamped, f free."""
+    held: str = "iiii"
+    """The same edges in their plane: i immovable, n held along the normal, s straight, f free."""
 
     @staticmethod
     def of(panel: Panel, size: MeshSize) -> Mesh:
         """The mesh of a panel."""
-        return Mesh(panel.length, panel.width, size.nx, size.ny, panel.edges)
+        return Mesh(panel.length, panel.width, size.nx, size.ny, panel.edges, panel.held)
 
     @property
     def hx(self) -> float:
@@ -87,6 +89,8 @@ class Mesh:
         free = np.ones((self.nx + 1, self.ny + 1, 4), dtype=bool)
         # w = 0 along an edge holds w and its derivative along the edge; a clamp holds the two across it too
         for side, letter in enumerate(self.edges):
+            if letter == "f":
+                continue
             line = [free[0], free[-1], free[:, 0], free[:, -1]][side]
             along, across = (2, 1) if side < 2 else (1, 2)
             line[:, [0, along]] = False
@@ -95,11 +99,35 @@ class Mesh:
         return free.ravel()
 
     @cached_property
-    def free_inplane(self) -> Bools:
-        """(2·nodes,) in-plane dofs that the immovable edges leave free: those of interior nodes."""
-        free = np.zeros((self.nx + 1, self.ny + 1, 2), dtype=bool)
-        free[1:-1, 1:-1] = True
-        return free.ravel()
+    def bending_unknowns(self) -> Ints:
+        """(4·nodes,) number of each bending dof among the free ones, -1 where it is held."""
+        return np.where(self.free_bending, np.cumsum(self.free_bending) - 1, -1)
+
+    @cached_property
+    def inplane_unknowns(self) -> Ints:
+        """(2·nodes,) number of each in-plane dof among the unknowns; -1 where held, one number along a straight edge.
+
+        Where the edges leave the panel free to move as a rigid body, as many dofs of its corners are held as stop
+        that: the membrane's loads balance one another, so that nothing pulls at them.
+        """
+        owner = np.arange(2 * self.nodes).reshape(self.nx + 1, self.ny + 1, 2)
+        for side, kind in enumerate(self.held):
+            line = [owner[0], owner[-1], owner[:, 0], owner[:, -1]][side]
+            normal = side // 2
+            if kind == "i":
+                line[:] = -1
+            elif kind == "n":
+                line[:, normal] = -1
+            elif kind == "s":
+                line[:, normal] = line[0, normal]
+        # a rigid motion along an axis is stopped by an edge across it that is held, or any that is immovable
+        for axis in (0, 1):
+            if "i" not in self.held and "n" not in self.held[2 * axis : 2 * axis + 2]:
+                owner[owner == owner[0, 0, axis]] = -1
+        if self.held == "ffff":
+            owner[-1, 0, 1] = -1
+        owners, number = np.unique(owner, return_inverse=True)
+        return number.ravel() - (1 if owners[0] == -1 else 0)
 
     def connected_groups(self, elements: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Split element ids into groups that hang together by shared edges, each and all in ascending order."""

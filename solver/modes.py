@@ -6,21 +6,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
-import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
+from solver.aerodynamics import Stream
 from solver.assembly import PlateMatrices, Space
-from solver.banded import upper_bands
-from solver.bfs import gauss, hermite
+from solver.bases import aeroelastic_modes, family_modes, lowest_modes
+from solver.bfs import hermite
 from solver.design import Design, Reduction
 from solver.errors import DesignError
-from solver.mesh import Bools, Floats, Ints, Mesh
-from solver.vonkarman import condensed_energy, index_pairs
-
-DENSE_FROM = 0.25  # the share of all modes from which a dense eigensolver beats Lanczos
-CLUSTER = 1e-3  # modes closer than this in frequency, relatively, count as one subspace
+from solver.mesh import Bools, Floats, Ints
+from solver.vonkarman import LargeDeflection, condensed_energy, index_pairs
 
 
 @dataclass(frozen=True)
@@ -32,7 +26,7 @@ class ModalModel:
     shapes: Floats
     """(free dofs, n) mode shapes, ΦᵀMΦ = I [1/√kg]."""
     omega: Floats
-    """(n,) natural frequencies in vacuo [rad/s]."""
+    """(n,) natural frequencies in vacuo, before preload and heat [rad/s]."""
     parity: Ints
     """(n,) 1 for modes symmetric about y = b/2, -1 for antisymmetric ones, all 0 on a panel that is not symmetric."""
 
@@ -53,11 +47,24 @@ class ModalModel:
 
     @staticmethod
     def _reduced(design: Design, plate: PlateMatrices) -> ModalModel:
-        if design.reduction.basis == "family":
-            shapes, omega, parity = family_modes(plate, _count(design.reduction, plate.space.mesh.nx * 2 - 1))
-        else:
-            shapes, omega, parity = lowest_modes(plate, _count(design.reduction, plate.stiffness.shape[0]))
+        match design.reduction.basis:
+            case "family":
+                shapes, omega, parity = family_modes(plate, _count(design.reduction, plate.space.mesh.nx * 2 - 1))
+            case "aeroelastic":
+                most = plate.stiffness.shape[0] // 2  # a richer basis of pairs than this is the whole space
+                shapes, omega, parity = aeroelastic_modes(plate, Stream.of(design), _count(design.reduction, most))
+            case "patched":
+                shapes, omega, parity = lowest_modes(plate, _count(design.reduction, plate.stiffness.shape[0]))
         return ModalModel(plate, _signed(plate.space, shapes), omega, parity)
+
+    @cached_property
+    def band(self) -> tuple[float, float]:
+        """Frequency of the first mode and the highest of all, before or under preload and heat: the larger [rad/s]."""
+        if self.plate.geometric is None:
+            return float(self.omega[0]), float(self.omega[-1])
+        loaded = np.linalg.eigvalsh(np.diag(self.omega**2) + self.geometric)
+        low, high = np.sqrt(np.maximum(loaded[[0, -1]], 0.0))
+        return max(float(self.omega[0]), float(low)), max(float(self.omega[-1]), float(high))
 
     @property
     def size(self) -> int:
@@ -81,11 +88,25 @@ class ModalModel:
         return self.shapes.T @ (self.plate.space.bare_mass @ self.shapes) * self._same_parity
 
     @cached_property
-    def cubic(self) -> Floats:
-        """(pairs, pairs) matrix G of the condensed cubic law; see `vonkarman.condensed_energy`."""
+    def membrane(self) -> LargeDeflection:
+        """The law of large deflection in these modes."""
         r, s = index_pairs(self.size)
         pair = self.parity[r] * self.parity[s]
-        return condensed_energy(self.plate, self.shapes) * (pair[:, None] == pair)
+        law = condensed_energy(self.plate, self.shapes)
+        even = law.cubic * (pair[:, None] == self.parity) if len(law.cubic) else law.cubic
+        return LargeDeflection(law.quartic * (pair[:, None] == pair), even)
+
+    @cached_property
+    def geometric(self) -> Floats:
+        """(n, n) Φᵀ K_N Φ, stiffness of the stresses before deflection [1/s²]; zero where there are none."""
+        if self.plate.geometric is None:
+            return np.zeros((self.size, self.size))
+        return self.shapes.T @ (self.plate.geometric @ self.shapes) * self._same_parity
+
+    @cached_property
+    def load(self) -> Floats:
+        """(n,) static modal force Φᵀ f, of heat in an unsymmetric lay-up [N/√kg]."""
+        return np.where(self.parity == -1, 0.0, self.shapes.T @ self.plate.load)
 
     @cached_property
     def _same_parity(self) -> Bools:
@@ -127,7 +148,12 @@ class ModalModel:
     @cached_property
     def peak(self) -> Floats:
         """(n,) largest |φ_r| on the panel [1/√kg]: q_r times this is the share of mode r in the deflection [m]."""
-        return np.abs(self.sampled(2, 4)).max(axis=(0, 1))
+        return np.abs(self.coarse).max(axis=0)
+
+    @cached_property
+    def coarse(self) -> Floats:
+        """(points, n) mode shapes where the largest |w| is looked for, 2 by 4 points an element [1/√kg]."""
+        return self.sampled(2, 4).reshape(-1, self.size)
 
     @cached_property
     def _nodal(self) -> Floats:
@@ -147,104 +173,6 @@ class ModalModel:
             (…, size) Φᵀ M Φ_other q.
         """
         return amplitudes @ ((self.plate.mass @ other.shapes).T @ self.shapes)
-
-
-def lowest_modes(plate: PlateMatrices, count: int) -> tuple[Floats, Floats, Ints]:
-    """The `count` modes of lowest frequency.
-
-    On a panel symmetric about y = b/2 the symmetric and the antisymmetric ones are sought apart: less work, and modes
-    of equal frequency do not mix across the symmetry.
-
-    Returns:
-        Shapes (free dofs, count) with ΦᵀMΦ = I, ω (count,) [rad/s] and parity (count,) as in `ModalModel`.
-    """
-    if not plate.mirrored:
-        shapes, omega = _eigenmodes(plate.stiffness, plate.mass, count)
-        return shapes, omega, np.zeros(count, dtype=int)
-    parts = []
-    for basis, parity in zip(plate.space.mirror, (1, -1), strict=True):
-        stiffness, mass = (sp.csr_array(basis.T @ matrix @ basis) for matrix in (plate.stiffness, plate.mass))
-        shapes, omega = _eigenmodes(stiffness, mass, min(count, stiffness.shape[0]))
-        parts.append((basis @ shapes, omega, np.full(len(omega), parity)))
-    shapes, omega, parity = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    order = np.argsort(omega)[:count]
-    return shapes[:, order], omega[order], parity[order]
-
-
-def _eigenmodes(stiffness: sp.csr_array, mass: sp.csr_array, count: int) -> tuple[Floats, Floats]:
-    """Lowest eigenvectors (N, count) of K φ = ω² M φ with φᵀMφ = 1, and ω (count,)."""
-    size = stiffness.shape[0]
-    if count >= DENSE_FROM * size:
-        values, vectors = scipy.linalg.eigh(stiffness.toarray(), mass.toarray(), subset_by_index=[0, count - 1])
-        return vectors, np.sqrt(values)
-    factor = scipy.linalg.cholesky_banded(upper_bands(stiffness))
-    inverse = spla.LinearOperator(
-        (size, size), matvec=lambda b: scipy.linalg.cho_solve_banded((factor, False), b), dtype=np.float64
-    )
-    # a fixed start makes runs repeatable; a random one is blind to no symmetry
-    start = np.random.default_rng(0).standard_normal(size)
-    values, vectors = spla.eigsh(stiffness, count, mass, sigma=0.0, OPinv=inverse, v0=start)
-    order = np.argsort(values)
-    return vectors[:, order], np.sqrt(values[order])
-
-
-def family_modes(plate: PlateMatrices, count: int) -> tuple[Floats, Floats, Ints]:
-    """The modes (m, 1), m = 1..count, of the panel with its patches on: its modes most like `family_shapes`.
-
-    Modes of nearly one frequency, as (3,1) and (1,3) of a square, mix freely, and a solver's choice among them means
-    nothing: from such a cluster the part is taken that the family's shape has in it.
-
-    Returns:
-        As `lowest_modes`.
-    """
-    size = plate.stiffness.shape[0]
-    wanted = family_shapes(plate.space.mesh, count)
-    wanted /= np.sqrt(np.einsum("im,im->m", wanted, plate.mass @ wanted))
-    available = min(4 * count + 8, size)
-    while True:
-        shapes, omega, _ = lowest_modes(plate, available)
-        share = shapes.T @ (plate.mass @ wanted)  # (available, count)
-        if available == size or np.all((share**2).sum(axis=0) > 0.9):
-            break
-        available = min(2 * available, size)
-    rows, columns = scipy.optimize.linear_sum_assignment(share**2, maximize=True)
-    trial = np.empty_like(wanted)
-    for row, column in zip(rows, columns, strict=True):
-        cluster = np.abs(omega - omega[row]) <= CLUSTER * omega[row]
-        trial[:, column] = shapes[:, cluster] @ share[cluster, column]
-    values, vectors = scipy.linalg.eigh(trial.T @ (plate.stiffness @ trial), trial.T @ (plate.mass @ trial))
-    return trial @ vectors, np.sqrt(values), np.full(count, int(plate.mirrored))
-
-
-def family_shapes(mesh: Mesh, count: int) -> Floats:
-    """(free dofs, count) shapes (m, 1), m = 1..count: beam modes along x times the first beam mode across.
-
-    On a simply supported panel these are sin(mπx/a) sin(πy/b) as the mesh has them: the seed's four modes, which it
-    numbers (1,1) to (1,4).
-    """
-    along = _beam_modes(mesh.nx, mesh.hx, mesh.edges[:2], count)
-    across = _beam_modes(mesh.ny, mesh.hy, mesh.edges[2:], 1)[..., 0]
-    full = np.einsum("ipm,jq->ijqpm", along, across)
-    return full.reshape(-1, count)[mesh.free_bending]
-
-
-def _beam_modes(elements: int, size: float, edges: str, count: int) -> Floats:
-    """(elements + 1, 2, count) nodal values and slopes of the lowest modes of a uniform beam."""
-    s, weight = gauss(4)
-    dofs = 2 * np.arange(elements)[:, None] + np.arange(4)
-    stiffness, mass = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
-    for matrix, derivative in ((stiffness, 2), (mass, 0)):
-        f = hermite(s, size, derivative)
-        np.add.at(matrix, (dofs[:, :, None], dofs[:, None, :]), f.T @ (weight[:, None] * f))
-    free = np.ones((elements + 1, 2), dtype=bool)
-    for end, letter in ((0, edges[0]), (-1, edges[1])):
-        free[end, 0] = False
-        free[end, 1] = letter != "c"
-    free = free.ravel()
-    _, vectors = scipy.linalg.eigh(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)])
-    shapes = np.zeros((len(free), count))
-    shapes[free] = vectors[:, :count]
-    return shapes.reshape(elements + 1, 2, count)
 
 
 def _signed(space: Space, shapes: Floats) -> Floats:

@@ -27,11 +27,11 @@ def channels(design: Design) -> list[tuple[int, ...]]:
 def element_forces(model: ModalModel, design: Design) -> Floats:
     """(n, elements) modal force a volt on a pair of layers on each element, patched or not [N/(V·√kg)].
 
-    F_r = M ∫ (κ_x + κ_y) dA for mode r, with M the moment a volt: the seed's -K_bφ in modal form (2.22).
+    F_r = ∫ Mᵀ κ dA for mode r, with M the moments a volt: the seed's -K_bφ in modal form (2.22).
     """
     space = model.plate.space
     local = space.expand(model.shapes)[space.mesh.bending_dofs]  # (elements, 16, n)
-    return moment_per_volt(design.panel, design.patches) * np.einsum("i,ein->ne", space.moment_integral, local)
+    return np.einsum("i,ein->ne", moment_per_volt(design) @ space.moment_integral, local)
 
 
 def channel_forces(model: ModalModel, design: Design) -> Floats:

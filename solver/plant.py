@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solver.aerodynamics import Stream
+from solver.aerodynamics import Stream, design_at_pressure
 from solver.design import Design
 from solver.errors import DesignError
-from solver.flutter import GROWTH_NOISE, critical_pressure, leading_eigenvalue, stiffness_in_stream, system_matrix
+from solver.flutter import (
+    GROWTH_NOISE,
+    buckled,
+    critical_pressure,
+    leading_eigenvalue,
+    stiffness_in_stream,
+    system_matrix,
+)
 from solver.mesh import Floats
 from solver.modes import ModalModel
 from solver.piezo import channel_forces, channels
@@ -22,14 +29,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Plant:
-    """q̈ + C q̇ + K q + f(q) = F V in n mass-normalised modes, with |V| limited; X = (q, q̇) is its state."""
+    """q̈ + C q̇ + K q + f(q) = F V + p in n mass-normalised modes, with |V| limited; X = (q, q̇) is its state."""
 
     design: Design
     """The design that this is the plant of."""
+    stream: Stream
+    """The flow, whichever way the design gives it."""
     model: ModalModel
     """The structure in its modes."""
     stiffness: Floats
-    """(n, n) K, structure and flow [1/s²]; not symmetric."""
+    """(n, n) K of the flat panel: structure, stresses before deflection and flow [1/s²]; not symmetric."""
     damping: Floats
     """(n, n) C, of the flow [1/s]."""
     force: Floats
@@ -47,9 +56,11 @@ class Plant:
         if design.reduction.modes == "all":
             raise DesignError("reduction.modes = all: serves λ_cr alone (flutter); give a number to simulate, as 24")
         model = model or ModalModel.of(design)
-        stream, pressure = Stream.of(design), design.flow.dynamic_pressure
+        stream = Stream.of(design)
+        pressure = stream.dynamic_pressure
         return Plant(
             design=design,
+            stream=stream,
             model=model,
             stiffness=stiffness_in_stream(model, stream, pressure),
             damping=stream.rate(pressure) * model.bare_mass,
@@ -65,16 +76,16 @@ class Plant:
     @cached_property
     def critical(self) -> tuple[float, float] | None:
         """λ_cr [-] and the flutter frequency [rad/s], in these modes and with the patches on; None if no flutter."""
-        return critical_pressure(self.model, Stream.of(self.design))
+        return critical_pressure(self.model, self.stream)
 
     @property
     def passive(self) -> bool:
         """Whether there are patches and λ lies below the patched λ_cr, so that control is not what ends a flutter.
 
-        Where the bare panel does not flutter either, there is none to end.
+        So it is called even where the bare panel does not flutter either. A panel that is buckled is not passive.
         """
-        below = self.critical is None or self.design.flow.dynamic_pressure < self.critical[0]
-        return bool(self.channels) and below
+        below = self.critical is None or self.stream.dynamic_pressure < self.critical[0]
+        return bool(self.channels) and below and not (self.flutters and buckled(self.model))
 
     @property
     def flutters(self) -> bool:
@@ -94,16 +105,20 @@ class Plant:
     @cached_property
     def system_matrix(self) -> Floats:
         """(2n, 2n) A of Ẋ = A X + B V (the seed's 3.4)."""
-        return system_matrix(self.model, Stream.of(self.design), self.design.flow.dynamic_pressure)
+        return system_matrix(self.model, self.stream, self.stream.dynamic_pressure)
 
     @cached_property
     def input_matrix(self) -> Floats:
         """(2n, channels) B of Ẋ = A X + B V (the seed's 3.3)."""
         return np.vstack([np.zeros_like(self.force), self.force])
 
+    def at_pressure(self, dynamic_pressure: float) -> Plant:
+        """The plant at another dynamic pressure λ [-] and the same C_a, in the same modes."""
+        return Plant.of(design_at_pressure(self.design, dynamic_pressure), self.model)
+
     def symmetric(self) -> Plant:
         """The plant in its symmetric modes alone where nothing excites others; otherwise the plant itself."""
-        if self.design.flow.yaw_deg or not self.model.plate.mirrored:
+        if self.stream.sine or not self.model.plate.mirrored:
             return self
         return Plant.of(self.design, self.model.symmetric())
 

@@ -31,6 +31,27 @@ class Regulator:
     """Leading eigenvalue of the closed loop about the flat panel: growth rate [1/s] + i·frequency [rad/s]."""
 
     @staticmethod
+    def idle(plant: Plant) -> Regulator:
+        """A regulator that does nothing."""
+        gain = np.zeros((len(plant.channels), 2 * plant.size))
+        return Regulator(gain, plant.design.control.voltage_limit, plant.growth)
+
+    def filtered(self, own: Plant, richer: Plant) -> Regulator:
+        """The same regulator at work on a richer plant on the same mesh, which it sees through its own modes alone.
+
+        With q = Φᵀ M w of its own modes, G becomes G Φᵀ M Φ_richer for amplitudes and rates alike. What it does to
+        motion outside of its modes without seeing it is spillover (Balas, IEEE Trans. Autom. Control 23, 1978).
+
+        Args:
+            own: the plant that it was made for.
+            richer: the plant that it is to drive, with the same channels.
+        """
+        share = own.model.project(richer.model, np.eye(richer.size)).T
+        gain = np.hstack([self.gain[:, : own.size] @ share, self.gain[:, own.size :] @ share])
+        closed = leading_eigenvalue(richer.system_matrix - richer.input_matrix @ gain)
+        return Regulator(gain, self.limit, closed)
+
+    @staticmethod
     def of(plant: Plant) -> Regulator:
         """The design's regulator; without patches, or with control off, one that does nothing.
 
@@ -39,9 +60,8 @@ class Regulator:
         """
         control = plant.design.control
         if control.kind == "off" or not plant.channels:
-            gain = np.zeros((len(plant.channels), 2 * plant.size))
-        else:
-            gain = lqr_gain(plant, plant.force)
+            return Regulator.idle(plant)
+        gain = lqr_gain(plant, plant.force)
         closed = leading_eigenvalue(plant.system_matrix - plant.input_matrix @ gain)
         return Regulator(gain, control.voltage_limit, closed)
 
@@ -87,7 +107,7 @@ def lqr_gain(plant: Plant, force: Floats) -> Floats:
 def _refusal(plant: Plant) -> ControlError:
     return ControlError(
         "the patches cannot hold the flutter: no regulator exists at "
-        f"λ = {plant.design.flow.dynamic_pressure:g}; patch other elements (the leading third is best) or lower λ"
+        f"λ = {plant.stream.dynamic_pressure:g}; patch other elements (the leading third is best) or lower λ"
     )
 
 

@@ -47,7 +47,7 @@ class Trace:
     @cached_property
     def largest(self) -> Floats:
         """(samples,) largest |w| on the panel over h [-], on a grid of 2 by 4 points an element."""
-        shapes = self.plant.model.sampled(2, 4).reshape(-1, self.plant.size)
+        shapes = self.plant.model.coarse
         result = np.empty(len(self.times))
         for k in range(0, len(result), 512):  # a few MB at a time
             result[k : k + 512] = np.abs(self.amplitudes[k : k + 512] @ shapes.T).max(axis=1)

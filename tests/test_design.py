@@ -107,7 +107,7 @@ def changed(path: str, value: Any) -> str:  # noqa: ANN401 - wrong types are wha
         ("panel.length", 0, "panel.length"),
         ("panel.young", 1e300, "panel.young"),
         ("panel.poisson", 0.5, "panel.poisson"),
-        ("panel.edges", "ssfs", "panel.edges"),
+        ("panel.edges", "sfff", "panel.edges"),
         ("panel.edges", "sss", "panel.edges"),
         ("panel.colour", "red", "colour"),
         ("wings", 2, "wings"),

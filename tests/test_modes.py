@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from solver import Design, DesignError, Flow, MeshSize, ModalModel, critical_pressure
 from solver.aerodynamics import Stream
 from solver.assembly import PlateMatrices
+from solver.bases import family_modes, family_shapes, lowest_modes
 from solver.design import Patches, Reduction
 from solver.laminate import Laminate
 from solver.mesh import Floats
-from solver.modes import family_modes, family_shapes, lowest_modes
 
 SIX = (20, 21, 26, 27, 32, 33)
 SMALL = MeshSize(8, 4)
