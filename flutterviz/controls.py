@@ -12,7 +12,7 @@ from flutterviz import commands as do
 from flutterviz.clock import Clock, rate_name
 from flutterviz.session import Session
 from flutterviz.status import Status, status_of
-from solver import load_design, preset_names
+from solver import Stream, load_design, preset_names
 
 if TYPE_CHECKING:
     from viser._messages import HotkeyKey  # viser names its keys nowhere else
@@ -53,9 +53,9 @@ class Controls:
         self._pressure = gui.add_slider(
             "λ",
             min=0.0,
-            max=max(PRESSURE_END, session.design.flow.dynamic_pressure),
+            max=max(PRESSURE_END, session.rig.plant.stream.dynamic_pressure),
             step=5.0,
-            initial_value=session.design.flow.dynamic_pressure,
+            initial_value=session.rig.plant.stream.dynamic_pressure,
             hint="Nondimensional dynamic pressure λ = 2qa³/(βD) of the stream",
         )
         # Button groups, not dropdowns: a dropdown keeps the focus, and keys then type into it instead of acting.
@@ -166,7 +166,7 @@ class Controls:
 
         A slider that is being dragged is ahead of the design, and is left alone: written, it would jump back.
         """
-        pressure = session.design.flow.dynamic_pressure
+        pressure = Stream.of(session.design).dynamic_pressure
         self._name = next((name for name in preset_names() if load_design(name) == session.design), "as edited")
         if not dragged and self._pressure.value != pressure:
             self._pressure.max = max(self._pressure.max, pressure)

@@ -60,23 +60,15 @@ def rig_of(design: Design, last: Rig | None = None) -> Rig:
     Raises:
         DesignError: the design cannot be simulated, as with all modes retained.
     """
-    structural = (design.panel, design.mesh, design.patches, design.reduction)
-    same = last is not None and structural == (
-        last.design.panel,
-        last.design.mesh,
-        last.design.patches,
-        last.design.reduction,
-    )
+    same = last is not None and _structure(design) == _structure(last.design)
     plant = Plant.of(design, last.plant.model if last is not None and same else None)
     refusal = None
     try:
         regulator = Regulator.of(plant)
     except ControlError as error:
         refusal = str(error)
-        regulator = Regulator(
-            np.zeros((len(plant.channels), 2 * plant.size)), design.control.voltage_limit, plant.growth
-        )
-    _ = plant.model.cubic, plant.critical  # computed here, where waiting does no harm
+        regulator = Regulator.idle(plant)
+    _ = plant.model.membrane, plant.critical  # computed here, where waiting does no harm
     grid = DisplayGrid(design.panel.length, design.panel.width, design.mesh.nx, design.mesh.ny)
     keep = last if same else None
     return Rig(
@@ -84,11 +76,25 @@ def rig_of(design: Design, last: Rig | None = None) -> Rig:
         loop=Loop.of(plant, regulator),
         grid=grid,
         surface=keep.surface if keep else plant.model.sampled(grid.per_x, grid.per_y).reshape(-1, plant.size),
-        coarse=keep.coarse if keep else plant.model.sampled(2, 4).reshape(-1, plant.size),
+        coarse=keep.coarse if keep else plant.model.coarse,
         probe=keep.probe if keep else probe_shapes(plant),
-        bare_critical=_bare_critical(design.with_elements(()).with_dynamic_pressure(0.0)),
+        bare_critical=_bare_critical(_bare(design)),
         refusal=refusal,
     )
+
+
+def _structure(design: Design) -> tuple[object, ...]:
+    """What the modal model depends on: not the flow, unless its eigenvectors are the basis."""
+    flow = design.flow if design.reduction.basis == "aeroelastic" else None
+    return design.panel, design.mesh, design.load, design.patches, design.reduction, flow
+
+
+def _bare(design: Design) -> Design:
+    """The design without patches and, where λ is a number of its own, at none: one answer serves every λ."""
+    bare = design.with_elements(())
+    if bare.reduction.basis == "aeroelastic":  # a basis that changes with λ
+        bare = bare.with_reduction("patched", bare.reduction.modes)
+    return bare if bare.flow.mach is not None else bare.with_dynamic_pressure(0.0)
 
 
 @lru_cache(maxsize=8)

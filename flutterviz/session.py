@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from flutterviz import commands as do
 from flutterviz.history import History
 from flutterviz.rig import Rig, in_flutter, rig_of
-from solver import Design, DesignError
+from solver import Design, DesignError, Stream
+from solver.aerodynamics import design_at_pressure
 from solver.simulate import SAMPLES_A_PERIOD, first_mode_at_rest
 
 Floats = NDArray[np.floating]
@@ -153,9 +154,9 @@ class Session:
 
     def _set_flow(self, pressure: float) -> None:
         """Change λ; the many changes of a slider that is dragged undo as one."""
-        design = self.design.with_dynamic_pressure(pressure)
+        design = design_at_pressure(self.design, pressure)
         before = self._past[-1] if self._past else None
-        follows = before is not None and before.with_dynamic_pressure(pressure) == design and not self._future
+        follows = before is not None and design_at_pressure(before, pressure) == design and not self._future
         if follows and self._since_flow < DRAG - 1:
             self.design = self._past.pop()
         if design != self.design:
@@ -268,7 +269,7 @@ class Session:
         """Move on by a stretch of simulated time; gives what it adds to the plots, or None if time stands still."""
         self._since_flow += 1
         if self._since_flow == DRAG:
-            self.note(f"λ set to {self.design.flow.dynamic_pressure:g}")
+            self.note(f"λ set to {Stream.of(self.design).dynamic_pressure:g}")
         if self.paused:
             if not self._steps or self.error:
                 self._steps = 0

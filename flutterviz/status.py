@@ -12,6 +12,9 @@ from flutterviz.session import Session
 Tone = Literal["calm", "good", "warn", "bad"]
 
 PERIODS = 3
+SETTLED = 0.98  # of its largest |w|, that a panel at rest keeps to; one in motion passes near zero
+SWINGS = 12  # periods by which flutter is judged to be irregular
+UNEVEN = 0.1  # mean change of the peak from one to the next, of the mean peak; a limit cycle's is below 0.01
 STEADY = 0.02  # change of the amplitude a period that counts as none, as of a limit cycle
 
 
@@ -37,7 +40,7 @@ def status_of(session: Session) -> Status:
     """Judge a session by its eigenvalues and its recent past."""
     rig, plant = session.rig, session.rig.plant
     critical = plant.critical[0] if plant.critical else None
-    pressure = rig.design.flow.dynamic_pressure
+    pressure = plant.stream.dynamic_pressure
     driven = session.engaged and bool(plant.channels) and rig.refusal is None
     growth = rig.loop.regulator.growth.real if driven else plant.growth.real
     word, detail, icon, tone = _verdict(session, driven, critical)
@@ -48,7 +51,7 @@ def status_of(session: Session) -> Status:
 
 def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[str, str, str, Tone]:
     rig, plant = session.rig, session.rig.plant
-    pressure = rig.design.flow.dynamic_pressure
+    pressure = plant.stream.dynamic_pressure
     if session.error:
         return "Stopped", session.error, "✖", "bad"
     if plant.passive and rig.bare_critical is not None and pressure >= rig.bare_critical:
@@ -74,6 +77,10 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
         volts = session.history.since(session.time - session.period).volts
         saturated = bool(np.any(np.abs(volts) >= 0.999 * rig.loop.regulator.limit))
         return "Controlled", "at the voltage limit" if saturated else "damping the flutter", "▼", "calm"
+    if _at_rest(session):
+        return "Buckled", "at rest in a deflection: preload or heat has pushed the panel out of its plane", "◠", "warn"
+    if _uneven(session):
+        return "Irregular flutter", "no swing is like the last: chaos, or several frequencies at once", "≋", "warn"
     trend = recent_growth(session)
     if trend is None:
         return "Fluttering", "just begun: too early to tell growth from a limit cycle", "▲", "warn"
@@ -84,6 +91,24 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
     if trend > 0:
         return "Flutter growing", f"amplitude growing at {trend:.0f} /s", "▲", "bad"
     return "Settling to the limit cycle", f"amplitude changing at {trend:.0f} /s", "▽", "warn"
+
+
+def _at_rest(session: Session) -> bool:
+    """Whether the panel has stood still, deflected, for the last two periods."""
+    largest = session.history.since(session.time - 2 * session.period).largest
+    return len(largest) > 8 and largest.min() > max(SETTLED * largest.max(), session.design.run.settled)
+
+
+def _uneven(session: Session) -> bool:
+    """Whether the largest |w| goes up and down from period to period, more than flutter that grows or settles does."""
+    rows = session.history.since(session.time - SWINGS * session.period)
+    known = rows.times[-1] - rows.times[0] if len(rows) else 0.0
+    if known < (SWINGS - 1) * session.period or session.amplitude < 0.02:
+        return False
+    peaks = np.array([part.max() for part in np.array_split(rows.largest, SWINGS)])
+    changes = np.diff(peaks)
+    turns = int((changes[:-1] * changes[1:] < 0).sum())
+    return turns >= SWINGS // 3 and float(np.abs(changes).mean()) > UNEVEN * float(peaks.mean())
 
 
 def recent_growth(session: Session) -> float | None:

@@ -1,16 +1,30 @@
 """Panel flutter and its suppression by piezoceramic patches: finite elements, modes, control and runs in time."""
 
-from solver.design import Control, Design, Flow, MeshSize, Panel, Patches, Reduction, Run
+from solver.aerodynamics import Stream
+from solver.branches import Event, Step, follow
+from solver.buckling import buckling_factor
+from solver.cycles import limit_cycles
+from solver.design import Control, Design, Flow, Load, MeshSize, Panel, Patches, Ply, Reduction, Run
+from solver.equilibrium import StaticState, critical_pressure_deflected, static_states
 from solver.errors import ControlError, DesignError
+from solver.estimate import ErrorEstimate, Estimate, estimate_error
 from solver.files import design_from_json, design_to_json, load_design, preset_names, save_design
 from solver.flutter import critical_pressure, critical_pressure_full
+from solver.fullorder import FullModel
+from solver.fullrun import FullTrace, full_limit_cycle, full_run, full_seed_protocol
 from solver.limitcycle import LimitCycle, limit_cycle
+from solver.materials import Material, material, material_names
 from solver.mesh import Mesh
 from solver.modes import ModalModel
+from solver.motion import Motion, motion_of
+from solver.outcome import Outcome, outcome_of
 from solver.plant import Plant
 from solver.regulator import Regulator, nfcg
+from solver.rootlocus import RootLocus, root_locus
+from solver.shooting import Orbit, find_orbit
 from solver.simulate import Loop, first_mode_at_rest, seed_protocol
 from solver.summary import FlutterFacts, RunFacts, flutter_facts, run_facts
+from solver.sweep import SweepRow, set_field, sweep
 from solver.trace import Trace
 
 __all__ = [
@@ -18,32 +32,65 @@ __all__ = [
     "ControlError",
     "Design",
     "DesignError",
+    "ErrorEstimate",
+    "Estimate",
+    "Event",
     "Flow",
     "FlutterFacts",
+    "FullModel",
+    "FullTrace",
     "LimitCycle",
+    "Load",
     "Loop",
+    "Material",
     "Mesh",
     "MeshSize",
     "ModalModel",
+    "Motion",
+    "Orbit",
+    "Outcome",
     "Panel",
     "Patches",
     "Plant",
+    "Ply",
     "Reduction",
     "Regulator",
+    "RootLocus",
     "Run",
     "RunFacts",
+    "StaticState",
+    "Step",
+    "Stream",
+    "SweepRow",
     "Trace",
+    "buckling_factor",
     "critical_pressure",
+    "critical_pressure_deflected",
     "critical_pressure_full",
     "design_from_json",
     "design_to_json",
+    "estimate_error",
+    "find_orbit",
     "first_mode_at_rest",
     "flutter_facts",
+    "follow",
+    "full_limit_cycle",
+    "full_run",
+    "full_seed_protocol",
     "limit_cycle",
+    "limit_cycles",
     "load_design",
+    "material",
+    "material_names",
+    "motion_of",
     "nfcg",
+    "outcome_of",
     "preset_names",
+    "root_locus",
     "run_facts",
     "save_design",
     "seed_protocol",
+    "set_field",
+    "static_states",
+    "sweep",
 ]

@@ -14,7 +14,7 @@ from flutterviz import commands as do
 from flutterviz.rig import Rig, rig_of
 from flutterviz.session import Session
 from flutterviz.status import status_of
-from solver import Design, Reduction, Trace, load_design
+from solver import Design, Flow, MeshSize, Panel, Ply, Reduction, Trace, load_design
 
 Floats = NDArray[np.floating]
 
@@ -405,3 +405,76 @@ def test_a_panel_without_patches_flutters_on() -> None:
     assert session.amplitude > 0.5  # the limit cycle at λ = 840 is above 1 h
     assert session.damping_time is None
     assert not session.volts.size
+
+
+# --- other bases and skins --------------------------------------------------------------------------------------------
+
+
+def nodal_jump(session: Session, before: Floats) -> float:
+    """Largest change of w at a node since nodal values (2, free dofs), over h."""
+    nodes = session.rig.plant.model.plate.space.mesh.free_bending.nonzero()[0] % 4 == 0  # w, not its derivatives
+    after = field(session.rig, session.state.reshape(2, -1))
+    return float(np.abs(after - before)[0, nodes].max() / session.rig.thickness)
+
+
+def test_a_basis_of_the_stream_changes_with_it_and_the_motion_goes_on() -> None:
+    session = session_on(FULL.with_reduction("aeroelastic", 12))
+    for pressure in (780.0, 700.0, 780.0, 840.0):
+        session.advance(0.013)
+        old, before = session.rig, field(session.rig, session.state.reshape(2, -1))
+        session.apply(do.SetFlow(pressure))
+        session.settle()
+        assert session.rig.plant.stream.dynamic_pressure == pressure
+        assert session.rig.plant.model is not old.plant.model
+        expected = projected(session.rig, before)
+        for got, exact in zip(session.state.reshape(2, -1), expected.reshape(2, -1), strict=True):
+            np.testing.assert_allclose(got, exact, rtol=0, atol=1e-9 * np.abs(exact).max())  # as in `Commands.settle`
+        # flutter shapes of neighbouring λ are alike: the new space misses a few thousandths of the motion
+        assert nodal_jump(session, before) < 0.02 * session.amplitude
+    run_on(session, 0.1)
+    assert 0.5 < session.amplitude < 2  # still the limit cycle at λ = 840, of about 1 h
+    assert status_of(session).word in ("Limit cycle", "Settling to the limit cycle")
+
+
+def test_a_basis_of_the_stream_is_kept_by_what_leaves_the_stream_alone() -> None:
+    session = session_on(FULL.with_reduction("aeroelastic", 8))
+    model = session.rig.plant.model
+    weights = msgspec.structs.replace(session.design.control, effort_weight=20.0)
+    session.apply(do.LoadDesign(msgspec.structs.replace(session.design, control=weights), "softer"))
+    session.settle()
+    assert session.rig.plant.model is model
+
+
+LAMINATE = Design(
+    panel=Panel(thickness=0.0008, plies=tuple(Ply("graphite-epoxy", angle, 0.0002) for angle in (0, 45, -45, 90))),
+    mesh=MeshSize(12, 4),
+    flow=Flow(300.0, 0.01),
+    reduction=Reduction("patched", 16),
+)
+
+
+def test_patches_are_toggled_on_a_laminated_skin() -> None:
+    session = session_on(LAMINATE)
+    assert session.rig.plant.model.plate.coupling is not None  # the lay-up is unsymmetric
+    wanted: list[list[tuple[int, ...]]] = [[(16,)], [(16, 17)], [(16, 17), (30,)], [(16, 17)]]
+    for element, channels in zip((16, 17, 30, 30), wanted, strict=True):
+        session.advance(0.007)
+        before = field(session.rig, session.state.reshape(2, -1))
+        session.apply(do.TogglePatch(element))
+        session.settle()
+        assert session.rig.plant.channels == channels
+        assert session.volts.shape == (len(channels),)
+        expected = projected(session.rig, before)
+        scale = np.abs(expected.reshape(2, -1)).max(axis=1)
+        gap = np.abs((session.state - expected).reshape(2, -1)).max(axis=1)
+        assert (gap <= 1e-9 * scale).all()  # as in `Commands.settle`
+        # a pair of patches weighs four times this thin skin: what 16 modes cannot say is more than on aluminium
+        assert nodal_jump(session, before) < 0.1 * session.amplitude
+    session.apply(do.Engage())
+    assert session.advance(0.01) is not None
+    assert np.abs(session.volts).max() > 0
+    for _ in range(4):
+        session.apply(do.Undo())
+    session.settle()
+    assert session.design == LAMINATE
+    assert session.advance(0.01) is not None

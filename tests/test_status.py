@@ -10,7 +10,7 @@ from flutterviz import commands as do
 from flutterviz.rig import Rig, rig_of
 from flutterviz.session import Session
 from flutterviz.status import STEADY, recent_growth, status_of
-from solver import Design, load_design
+from solver import Design, Load, load_design, static_states
 
 SEED = load_design("seed-840").with_reduction("patched", 12)
 BARE = load_design("seed-bare").with_reduction("patched", 12)
@@ -150,3 +150,33 @@ def test_a_panel_that_was_quiet_already_is_said_to_be() -> None:
     session.history.clear()
     assert word_of(session) == "Controlled, quiet"
     assert session.damping_time is None  # none was measured
+
+
+# --- buckled ----------------------------------------------------------------------------------------------------------
+
+PRESSED = BARE.with_load(Load(preload_x=3.0, preload_y=3.0))  # one and a half times its buckling load
+
+
+def test_a_panel_at_rest_in_a_buckle_is_buckled() -> None:
+    session = running(PRESSED.with_dynamic_pressure(60.0), 0.02)
+    status = status_of(session)
+    assert status.word == "Buckled"
+    assert status.tone == "warn"
+    assert "deflection" in status.detail
+    assert status.growth > 0  # of the flat panel, which it is not
+    assert session.amplitude == pytest.approx(static_states(session.rig.plant)[-1].largest, rel=1e-2)  # still ringing
+    assert word_of(running(PRESSED.with_dynamic_pressure(60.0), 0.0)) == "Buckled"  # the session begins settled
+
+
+def test_a_buckled_panel_that_the_stream_presses_flat_is_stable() -> None:
+    assert word_of(running(PRESSED.with_dynamic_pressure(220.0), 0.02)) == "Stable"  # 170 and more flatten it
+
+
+def test_a_buckled_panel_that_flutters_is_not_said_to_rest() -> None:
+    assert word_of(running(PRESSED.with_dynamic_pressure(840.0), 0.05)) != "Buckled"
+
+
+def test_patches_on_a_buckled_panel_make_it_no_passive_one() -> None:
+    # the patched panel buckles at 5.8, and is pressed by 6.5; λ is far below both critical pressures
+    pressed = SEED.with_load(Load(preload_x=6.5, preload_y=6.5)).with_dynamic_pressure(60.0)
+    assert word_of(running(pressed, 0.1)) == "Buckled"
