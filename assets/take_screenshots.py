@@ -1,4 +1,4 @@
-"""Takes README's pictures: the explorer in flutter, and its controller at work. Needs Chromium and the dev extra."""
+"""Takes README's pictures: the explorer in flutter and its controller at work, and a sweep. Needs Chromium."""
 
 from __future__ import annotations
 
@@ -15,8 +15,13 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = ["--no-sandbox", "--disable-background-networking", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
+FOUR_MODES = ["seed-bare", "--reduction.basis", "family", "--reduction.modes", "4"]
+
+
 def main() -> None:
-    """Serve the explorer, look at it, and end it."""
+    """Draw the sweep; serve the explorer, look at it, and end it."""
+    over = ["--over", "flow.dynamic-pressure=500:1450:25", "--plot", str(HERE / "sweep.png")]
+    subprocess.run([sys.executable, "-m", "flutterviz", "sweep", *FOUR_MODES, *over], check=True)
     command = [sys.executable, "-m", "flutterviz", "view", "seed-840", "--no-open", "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None

@@ -2,10 +2,16 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 
-from solver.check import Case, run_checks
+from flutterviz.validation import BEGIN, END, write_into
+from solver import DesignError
+from solver.case import Case
+from solver.check import run_checks
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +45,31 @@ def test_the_papers_own_numbers_stand_beside_ours_without_a_say(table: list[Case
 
 def test_the_table_comes_row_by_row() -> None:
     assert next(run_checks()).name  # a caller can show progress, and stop by not asking again
+
+
+def test_readme_carries_this_table(table: list[Case]) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.split(BEGIN)[1].split(END)[0].splitlines() if "|" in line]
+    assert [row[0] for row in rows[2:]] == [case.name for case in table]
+    for row, case in zip(rows[2:], table, strict=True):
+        # six digits are printed, and other machines round otherwise; limit cycles come to rest within 1e-3
+        assert float(row[1]) == pytest.approx(case.value, rel=1e-3)
+        assert float(row[2]) == pytest.approx(case.reference, rel=1e-3)
+
+
+def test_the_table_is_put_between_the_marks_and_nowhere_else(tmp_path: Path) -> None:
+    file = tmp_path / "page.md"
+    file.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    case = Case("a | b", 1.0, 2.0, 0.1, False, None, "someone")
+    write_into(file, [case])
+    text = file.read_text(encoding="utf-8")
+    assert text.startswith(f"before\n{BEGIN}\n0 of 1 within tolerance.\n")
+    assert text.endswith(f"{END}\nafter\n")
+    assert "old" not in text
+    assert "a \\| b | 1 | 2 | 5e-01" in text  # a bar within a name would be one more column
+    file.write_text("no marks", encoding="utf-8")
+    with pytest.raises(DesignError, match="no lines"):
+        write_into(file, [case])
+    assert file.read_text(encoding="utf-8") == "no marks"
+    with pytest.raises(DesignError, match="cannot be read"):
+        write_into(tmp_path / "absent.md", [case])
