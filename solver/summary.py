@@ -26,7 +26,7 @@ from solver.trace import Trace
 
 SWEEP = 81  # values of λ, from 0 to a quarter above the critical one, at which eigenvalues are listed
 FAR = 0.02  # relative difference of λ_cr in the basis from that of all modes beyond which the basis is warned about
-FULL_BASIS = 24  # modes that point the full-order search to where flutter lies
+FEW = 24  # modes whose roots are followed, where all modes are asked for
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,9 @@ def flutter_facts(design: Design) -> FlutterFacts:
         DesignError: more modes are asked for than the mesh has.
     """
     model, stream = ModalModel.of(design), Stream.of(design)
-    few = model.first(FULL_BASIS) if design.reduction.modes == "all" else model
+    few = model.first(FEW) if design.reduction.modes == "all" else model
     if design.reduction.basis != "family":
-        guide = few
-        if few.size < FULL_BASIS:  # a poor basis points to the wrong place
-            count = min(FULL_BASIS, model.plate.stiffness.shape[0])
-            guide = ModalModel.of(design.with_reduction("patched", count), model.plate)
-        found = critical_pressure_full(guide, stream)
+        found = critical_pressure_full(few, stream)  # looks for a richer guide itself
         in_basis = found if design.reduction.modes == "all" else critical_pressure(model, stream)
     else:
         found = in_basis = critical_pressure(model, stream)
