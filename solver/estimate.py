@@ -66,7 +66,7 @@ def estimate_error(design: Design) -> ErrorEstimate:
 
     Raises:
         DesignError: the reduction does not serve a simulation.
-        ControlError: no regulator exists.
+        ControlError: the design's controller does not exist.
     """
     plant = Plant.of(design).symmetric()
     loop = Loop.of(plant)
@@ -75,7 +75,7 @@ def estimate_error(design: Design) -> ErrorEstimate:
 
     basis, modes = _richer(design.reduction, plant.model)
     rich = Plant.of(design.with_reduction(basis, modes)).symmetric()
-    rich_loop = Loop.of(rich, loop.regulator.filtered(plant, rich))
+    rich_loop = Loop.of(rich, loop.law.filtered(plant, rich))
     start = rich.model.project(plant.model, cycle.state.reshape(2, -1)).ravel() if cycle else None
     rich_cycle = limit_cycle(rich_loop, start) if cycle else None
     rich_time = seed_protocol(rich_loop).damping_time if damping_time is not None else None

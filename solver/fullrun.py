@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.errors import ControlError
 from solver.fullorder import FullModel
 from solver.implicit import SPECTRAL_RADIUS, FullState, Stepper
 from solver.limitcycle import LimitCycle, limit_cycle, measured_cycle, peak_of, resting
@@ -24,7 +25,7 @@ QUIET_PERIODS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class FullTrace(Trace):
-    """A run of the full-order model; its states are Φᵀ M w and Φᵀ M ẇ, the motion as the regulator sees it."""
+    """A run of the full-order model; its states are Φᵀ M w and Φᵀ M ẇ, the motion as a regulator sees it."""
 
     deflections: Floats
     """(samples, N) w at the free bending dofs [m and its derivatives]."""
@@ -58,6 +59,19 @@ class FullTrace(Trace):
         return ModalModel(self.plant.model.plate, deflections.T, nothing, nothing.astype(int))
 
 
+def refuse_memory(loop: Loop) -> None:
+    """Refuse a law that is more than a gain on the present motion.
+
+    Raises:
+        ControlError: it is.
+    """
+    if not loop.law.instant:
+        raise ControlError(
+            "the full-order model takes controllers that act at once on the present motion: use control.kind = lqr or "
+            "rate with control.delay = 0 and control.sensor_noise = 0, or do without the full-order model"
+        )
+
+
 def full_run(
     loop: Loop,
     start: Floats | FullState,
@@ -69,14 +83,14 @@ def full_run(
     steps: int | None = None,
     rho: float = SPECTRAL_RADIUS,
 ) -> FullTrace:
-    """Integrate the full-order model of a loop's design, with the loop's regulator.
+    """Integrate the full-order model of a loop's design, under the loop's control law.
 
     Args:
-        loop: plant and regulator; the modes of the one are the filter through which the other sees the motion.
+        loop: plant and law; the modes of the one are the filter through which the other sees the motion.
         start: (2n,) amplitudes and rates in the plant's modes, or a state of the full model.
         sample: time between samples [s].
         samples: how many.
-        engaged: whether the regulator drives the patches.
+        engaged: whether the law drives the patches.
         full: the model, if it is there already.
         steps: time steps a sample; by default as many as give `STEPS_A_PERIOD`.
         rho: ρ∞ of the generalized-α method, 0 to 1 [-].
@@ -86,12 +100,15 @@ def full_run(
 
     Raises:
         ArithmeticError: Newton's method does not converge at some step.
+        ControlError: the law remembers, delays or hears noise, which this model has no place for.
     """
     plant, model = loop.plant, loop.plant.model
+    if engaged:
+        refuse_memory(loop)
     full = full or FullModel.of(plant.design, model.plate)
     state = start if isinstance(start, FullState) else FullState.of(model, start)
     steps = steps or max(1, math.ceil(sample * STEPS_A_PERIOD / plant.period))
-    stepper = Stepper(full, model, loop.regulator if engaged else None, state, sample / steps, rho)
+    stepper = Stepper(full, model, loop.law if engaged else None, state, sample / steps, rho)
     deflections, rates = (np.empty((samples + 1, full.bending_size)) for _ in range(2))
     volts = np.zeros((samples + 1, full.drive.shape[1]))
     for k in range(samples + 1):
@@ -110,7 +127,7 @@ def full_limit_cycle(loop: Loop, steps: int = STEPS_A_PERIOD) -> LimitCycle | No
     """The limit cycle of the full-order model, from that of the reduced one on.
 
     Args:
-        loop: plant and regulator; the latter stays disengaged.
+        loop: plant and law; the latter stays disengaged.
         steps: time steps a period of the flat panel's leading root.
 
     Returns:
@@ -138,13 +155,15 @@ def full_seed_protocol(loop: Loop, steps: int = STEPS_A_PERIOD) -> FullTrace:
     """The run of the design, as `seed_protocol`, until it ends or the controlled panel has come to rest.
 
     Args:
-        loop: plant and regulator.
+        loop: plant and law.
         steps: time steps a period of the flat panel's leading root, about.
 
     Raises:
         ArithmeticError: Newton's method does not converge at some step.
+        ControlError: as `full_run`.
     """
     plant = loop.plant
+    refuse_memory(loop)
     run, full = plant.design.run, FullModel.of(plant.design, plant.model.plate)
     # the samples are those of the reduced run, so that peaks between them are missed alike
     sample = max(plant.period / SAMPLES_A_PERIOD, run.duration / MOST_SAMPLES)

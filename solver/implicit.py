@@ -10,9 +10,9 @@ import numpy as np
 
 from solver.banded import definite_solver
 from solver.fullorder import FullModel, lu_solver
+from solver.law import Law
 from solver.mesh import Floats
 from solver.modes import ModalModel
-from solver.regulator import Regulator
 
 SPECTRAL_RADIUS = 0.9  # ρ∞: what a step leaves of a motion too fast for it; the slow ones lose 1e-6 of themselves
 # Of the largest deflection, what Newton's method may leave a step: a thousandth of the step's own error, which is
@@ -45,22 +45,24 @@ class Stepper:
     The generalized-α method (Chung and Hulbert, J. Appl. Mech. 60, 1993, 371-375): inertia at the instant
     t + (1 - α_m) Δt, all other forces at t + (1 - α_f) Δt, there at the interpolated motion. It is second-order
     accurate; ρ∞ = 1 is the implicit mid-point rule. The displacements u have no inertia, and are sought at the second
-    instant alone. Newton's unknown is x = (w, u) there. The regulator closes the loop within the iteration: channels
+    instant alone. Newton's unknown is x = (w, u) there. The control law closes the loop within the iteration: channels
     that are not saturated add +F G' to the tangent, of the channels' rank, taken in by the formula of Sherman, Morrison
     and Woodbury. A tangent is kept for as long as it serves.
     """
 
     def __init__(  # noqa: D107 - the class says it
-        self, full: FullModel, model: ModalModel, regulator: Regulator | None, state: FullState, step: float, rho: float
+        self, full: FullModel, model: ModalModel, law: Law | None, state: FullState, step: float, rho: float
     ) -> None:
-        self.full, self.regulator = full, regulator
+        self.full, self.law = full, law
         self.inertia_at, self.force_at = (2 * rho - 1) / (rho + 1), rho / (rho + 1)  # α_m, α_f
         self.gamma = 0.5 - self.inertia_at + self.force_at
         self.beta = (1 - self.inertia_at + self.force_at) ** 2 / 4
         self.filter = (full.plate.mass @ model.shapes).T  # (n, N) Φᵀ M
-        gain = np.zeros((full.drive.shape[1], 2 * model.size)) if regulator is None else regulator.gain
-        self.gain = np.concatenate([gain[:, : model.size] @ self.filter, gain[:, model.size :] @ self.filter], axis=1)
-        self.limit = math.inf if regulator is None else regulator.limit
+        self.gain = np.zeros((full.drive.shape[1], 2 * self.filter.shape[1]))
+        if law is not None:
+            amplitudes, rates = law.gain[:, : model.size] @ self.filter, law.gain[:, model.size :] @ self.filter
+            self.gain = np.hstack([amplitudes, rates]) + law.direct_on_sensors(full.drive)
+        self.limit = math.inf if law is None else law.limit
         self.floor = SMALLEST * full.design.panel.thickness
         self.drive = np.zeros((full.size, full.drive.shape[1]))
         self.drive[full.bending] = full.drive
@@ -159,7 +161,7 @@ class Stepper:
         assert self.solve is not None
         change = self.solve(residual)
         active = np.abs(volts) < self.limit
-        if self.regulator is None or not active.any():
+        if self.law is None or not active.any():
             return change
         n = self.full.bending_size
         answer = self.gain[active, :n] + self.rate_factor * self.gain[active, n:]  # -dV/dw

@@ -12,21 +12,8 @@ _FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
 @numba.njit(cache=True, fastmath=_FAST)
-def _acceleration(
-    x: Floats,
-    linear: Floats,
-    quartic: Floats,
-    cubic: Floats,
-    load: Floats,
-    force: Floats,
-    gain: Floats,
-    limit: float,
-    pairs: Floats,
-    stress: Floats,
-    volts: Floats,
-    out: Floats,
-) -> None:
-    """q̈ into `out` (n,) and the saturated voltages into `volts`, at the state x = (q, q̇); the rest is work space."""
+def _large_deflection(x: Floats, quartic: Floats, cubic: Floats, pairs: Floats, stress: Floats, out: Floats) -> None:
+    """-f(q) into `out` (n,) at amplitudes with which `x` begins; the rest is work space."""
     n = out.size
     coupled = cubic.shape[0] > 0
     p = 0
@@ -49,25 +36,61 @@ def _acceleration(
             stress[r, s] = total
             stress[s, r] = total
             p += 1
-    for c in range(volts.size):
-        total = 0.0
-        for k in range(2 * n):
-            total -= gain[c, k] * x[k]
-        volts[c] = min(max(total, -limit), limit)
     for r in range(n):
-        total = 0.0
-        for k in range(2 * n):
-            total -= linear[r, k] * x[k]
         nonlinear = 0.0
         for s in range(n):
             nonlinear += stress[r, s] * x[s]
-        for c in range(volts.size):
-            total += force[r, c] * volts[c]
-        out[r] = load[r] + total - 2.0 * nonlinear
+        out[r] = -2.0 * nonlinear
     if coupled:
         for p in range(pairs.size):
             for r in range(n):
                 out[r] -= pairs[p] * cubic[p, r]
+
+
+@numba.njit(cache=True, fastmath=_FAST)
+def _acceleration(x: Floats, linear: Floats, load: Floats, force: Floats, volts: Floats, out: Floats) -> None:
+    """Add what is linear in q̈ to `out` (n,) at a state that begins with (q, q̇), under voltages."""
+    n = out.size
+    for r in range(n):
+        total = load[r]
+        for k in range(2 * n):
+            total -= linear[r, k] * x[k]
+        for c in range(volts.size):
+            total += force[r, c] * volts[c]
+        out[r] += total
+
+
+@numba.njit(cache=True, fastmath=_FAST)
+def _ask(x: Floats, gain: Floats, jitter: Floats, out: Floats) -> None:
+    """What the controller asks for, -gain·x and noise, into `out` (channels,)."""
+    for c in range(out.size):
+        total = jitter[c]
+        for k in range(x.size):
+            total -= gain[c, k] * x[k]
+        out[c] = total
+
+
+@numba.njit(cache=True)
+def _recall(time: float, when: Floats, asked: Floats, known: int, place: int, out: Floats) -> int:
+    """What was asked for at an instant, by the parabola through the records about it; gives where to look next."""
+    while place + 1 < known and when[place + 1] <= time:
+        place += 1
+    if time < when[place]:  # before the controller was switched on
+        out[:] = 0.0
+    elif place + 1 == known:
+        out[:] = asked[place]
+    else:
+        share = (time - when[place]) / (when[place + 1] - when[place])
+        bend = 0.0
+        if place > 0:  # the record before the two
+            bend = (time - when[place]) * (time - when[place + 1]) / (when[place + 1] - when[place - 1])
+        for c in range(out.size):
+            rise = asked[place + 1, c] - asked[place, c]
+            out[c] = asked[place, c] + share * rise
+            if place > 0:
+                before = (asked[place, c] - asked[place - 1, c]) / (when[place] - when[place - 1])
+                out[c] += bend * (rise / (when[place + 1] - when[place]) - before)
+    return place
 
 
 @numba.njit(cache=True, fastmath=_FAST, nogil=True)
@@ -79,60 +102,143 @@ def integrate(
     load: Floats,
     force: Floats,
     gain: Floats,
+    own: Floats,
+    driven: Floats,
     limit: float,
+    jitter: Floats,
+    delay: float,
+    when: Floats,
+    asked: Floats,
+    known: int,
     step: float,
     substeps: int,
     states: Floats,
     volts: Floats,
 ) -> int:
-    """Integrate q̈ = load - linear·(q, q̇) - f(q) + force·V, V = clip(-gain·(q, q̇), ± limit), by classical Runge-Kutta.
+    """Integrate panel and controller by classical Runge-Kutta.
+
+    q̈ = load - linear·(q, q̇) - f(q) + force·V and ż = own·(q, q̇, z) + driven·V, with V = U(t - delay) within ± limit
+    and U = -gain·(q, q̇, z).
 
     Args:
-        state: (2n,) start, not changed.
+        state: (2n + m,) start (q, q̇, z), not changed.
         linear: (n, 2n) stiffness and damping side by side.
         quartic: (pairs, pairs) G of the membrane's energy.
         cubic: (pairs, n) H of it, or (0, n).
         load: (n,) static force.
         force: (n, channels) modal force a volt.
-        gain: (channels, 2n) feedback gain.
+        gain: (channels, 2n + m) what the controller asks for.
+        own: (m, 2n + m) what its own state z does.
+        driven: (m, channels) what the voltages do to that.
         limit: largest voltage [V].
+        jitter: (steps, channels + m) noise of each step, added to U and to ż; (0, channels + m) if there is none.
+        delay: from U to V [s]; 0, or no less than a step.
+        when: (known + steps + 1,) instants at which U is known, 0 being now; filled from `known` on, where delayed.
+        asked: (known + steps + 1, channels) U then; filled likewise.
+        known: how many of those are past.
         step: time step [s].
         substeps: steps from one sample to the next.
-        states: (samples, 2n) filled with the states after each `substeps` steps.
+        states: (samples, 2n + m) filled with the states after each `substeps` steps.
         volts: (samples, channels) filled with the voltages then.
 
     Returns:
         How many samples are finite; fewer than asked for if the motion diverged.
     """
-    n = state.size // 2
+    n = linear.shape[0]
+    size, channels = state.size, force.shape[1]
     x = state.copy()
     stage = np.empty_like(x)
     rate = np.empty_like(x)
     total = np.empty_like(x)
     pairs = np.empty(quartic.shape[0])
     stress = np.empty((n, n))
-    drive = np.zeros(force.shape[1])
+    drive = np.zeros(channels)
+    noise = np.zeros(channels + size - 2 * n)
+    delayed = delay > 0.0 and channels > 0
+    place = 0
+    done = 0
     for sample in range(states.shape[0]):
         for _ in range(substeps):
-            for k in range(2 * n):
+            if jitter.shape[0] > 0:
+                noise[:] = jitter[done]
+            if delayed:
+                when[known] = done * step
+                _ask(x, gain, noise, asked[known])
+                known += 1
+            for k in range(size):
                 stage[k] = x[k]
                 total[k] = 0.0
             for phase in range(4):
+                if delayed:
+                    ahead = 0.0 if phase == 0 else (1.0 if phase == 3 else 0.5)
+                    place = _recall((done + ahead) * step - delay, when, asked, known, place, drive)
+                else:
+                    _ask(stage, gain, noise, drive)
+                for c in range(channels):
+                    drive[c] = min(max(drive[c], -limit), limit)
                 for k in range(n):
                     rate[k] = stage[n + k]
-                _acceleration(stage, linear, quartic, cubic, load, force, gain, limit, pairs, stress, drive, rate[n:])
+                _large_deflection(stage, quartic, cubic, pairs, stress, rate[n : 2 * n])
+                _acceleration(stage, linear, load, force, drive, rate[n : 2 * n])
+                for k in range(size - 2 * n):
+                    change = noise[channels + k]
+                    for c in range(channels):
+                        change += driven[k, c] * drive[c]
+                    for i in range(size):
+                        change += own[k, i] * stage[i]
+                    rate[2 * n + k] = change
                 weight = step / 6.0 if phase == 0 or phase == 3 else step / 3.0
                 reach = step if phase == 2 else 0.5 * step
-                for k in range(2 * n):
+                for k in range(size):
                     total[k] += weight * rate[k]
                     stage[k] = x[k] + reach * rate[k]
-            for k in range(2 * n):
+            for k in range(size):
                 x[k] += total[k]
-        _acceleration(x, linear, quartic, cubic, load, force, gain, limit, pairs, stress, drive, rate[n:])
-        for k in range(2 * n):
+            done += 1
+        if delayed:
+            place = _recall(done * step - delay, when, asked, known, place, drive)
+        else:
+            _ask(x, gain, noise, drive)
+        for k in range(size):
             if not np.isfinite(x[k]):
                 return sample
             states[sample, k] = x[k]
-        for c in range(drive.size):
-            volts[sample, c] = drive[c]
+        for c in range(channels):
+            volts[sample, c] = min(max(drive[c], -limit), limit)
     return states.shape[0]
+
+
+def integrate_free(
+    state: Floats,
+    linear: Floats,
+    quartic: Floats,
+    cubic: Floats,
+    load: Floats,
+    step: float,
+    substeps: int,
+    states: Floats,
+) -> int:
+    """As `integrate`, for a panel (2n,) without patches."""
+    samples, size = states.shape
+    no_channel, no_memory = np.zeros((0, size)), np.zeros((0, size))
+    return integrate(
+        state,
+        linear,
+        quartic,
+        cubic,
+        load,
+        np.zeros((size // 2, 0)),
+        no_channel,
+        no_memory,
+        np.zeros((0, 0)),
+        0.0,
+        np.zeros((0, 0)),
+        0.0,
+        np.zeros(0),
+        np.zeros((0, 0)),
+        0,
+        step,
+        substeps,
+        states,
+        np.zeros((samples, 0)),
+    )

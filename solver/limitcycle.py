@@ -38,7 +38,7 @@ def limit_cycle(loop: Loop, start: Floats | None = None) -> LimitCycle | None:
     """The limit cycle that the design's uncontrolled panel settles into.
 
     Args:
-        loop: the panel; its regulator is not used.
+        loop: the panel; its control law is not used.
         start: (2n,) state to start from; that of the seed protocol if none is given.
 
     Returns:

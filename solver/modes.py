@@ -29,6 +29,8 @@ class ModalModel:
     """(n,) natural frequencies in vacuo, before preload and heat [rad/s]."""
     parity: Ints
     """(n,) 1 for modes symmetric about y = b/2, -1 for antisymmetric ones, all 0 on a panel that is not symmetric."""
+    numbers: Ints | None = None
+    """(n,) places of these modes in the design's basis; None where all of it is here, in order."""
 
     @staticmethod
     def of(design: Design, plate: PlateMatrices | None = None) -> ModalModel:
@@ -127,7 +129,8 @@ class ModalModel:
         return self._kept(np.arange(self.size) < count)
 
     def _kept(self, which: Bools) -> ModalModel:
-        return ModalModel(self.plate, self.shapes[:, which], self.omega[which], self.parity[which])
+        numbers = np.arange(self.size) if self.numbers is None else self.numbers
+        return ModalModel(self.plate, self.shapes[:, which], self.omega[which], self.parity[which], numbers[which])
 
     def sampled(self, per_x: int, per_y: int) -> Floats:
         """(nx·per_x + 1, ny·per_y + 1, n) mode shapes on a grid of per_x by per_y cells an element [1/√kg]."""

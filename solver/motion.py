@@ -70,7 +70,7 @@ def settled_motion(loop: Loop, start: Floats | None = None) -> tuple[Motion | No
     by its largest Lyapunov exponent: positive beyond its uncertainty is chaos, otherwise it is quasi-periodic.
 
     Args:
-        loop: the panel; its regulator is not used.
+        loop: the panel; its control law is not used.
         start: (2n,) where to start; from the start of the seed protocol by default.
 
     Returns:

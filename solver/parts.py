@@ -11,6 +11,8 @@ from solver.atmosphere import flow_conditions
 from solver.errors import DesignError
 from solver.materials import Material, material
 
+Channels = Literal["connected", "element", "single"]
+
 MOST_PRESSURE, MOST_DAMPING = 1e5, 100.0  # λ and C_a, far beyond any panel that flies
 
 
@@ -226,7 +228,7 @@ class Patches(Part, frozen=True):
 
     elements: tuple[int, ...] = ()
     """Ids of the patched elements."""
-    channels: Literal["connected", "element", "single"] = "connected"
+    channels: Channels = "connected"
     """Which patches share a voltage: each edge-connected group, each element alone, or all."""
     thickness: float = 0.000381
     """Thickness h_p of one layer [m]."""

@@ -1,4 +1,4 @@
-"""Owns root loci over dynamic pressure: each root followed from λ to λ, as frequency, growth and V-g damping."""
+"""Owns root loci: roots followed over dynamic pressure, as in the V-g diagram, and poles over the loop's gain."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from solver.aerodynamics import Stream
 from solver.flutter import system_matrix
+from solver.law import Law, closed_loop
 from solver.mesh import Floats
 from solver.modes import ModalModel
+from solver.plant import Plant
 
 Complexes = NDArray[np.complexfloating]
 
@@ -51,6 +53,20 @@ def root_locus(model: ModalModel, stream: Stream, dynamic_pressures: Floats) -> 
             roots = roots[order]
         rows.append(roots)
     return RootLocus(np.asarray(dynamic_pressures, dtype=float), np.array(rows))
+
+
+def gain_locus(plant: Plant, law: Law, factors: Floats) -> Complexes:
+    """Poles about the flat panel as the loop is closed: with a law that asks for so many times as much.
+
+    Args:
+        plant: the panel in its stream.
+        law: the control law.
+        factors: (m,) from 0, the open loop, to 1, the closed one [-].
+
+    Returns:
+        (m, k) poles [1/s], in no order; k is 2n and the states of controller and delay line.
+    """
+    return np.array([np.linalg.eigvals(closed_loop(plant, law.scaled(float(f)))) for f in factors], dtype=complex)
 
 
 def _upper(roots: Complexes) -> Complexes:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.law import Law
 from solver.mesh import Floats
 from solver.plant import Plant
-from solver.regulator import Regulator
 from solver.simulate import Loop
 from solver.trace import probe_shapes
 from solver.variational import FlowMap
@@ -211,8 +211,8 @@ def unit_of_time(plant: Plant) -> float:
 
 
 def free_loop(plant: Plant) -> Loop:
-    """The plant with a regulator that does nothing, also where none exists."""
-    return Loop.of(plant, Regulator.idle(plant))
+    """The plant with a law that asks for nothing, also where no regulator exists."""
+    return Loop.of(plant, Law.idle(plant))
 
 
 def orbit_near(plant: Plant, states: Floats, sample: float) -> Orbit | None:

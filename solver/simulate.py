@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
+from solver.controllers import law_of
+from solver.errors import ControlError
+from solver.flutter import leading_eigenvalue
 from solver.kernel import integrate
+from solver.law import Law, closed_loop, extended, line_nodes
 from solver.mesh import Floats
 from solver.plant import Plant
-from solver.regulator import Regulator
 from solver.trace import Trace
 
 SAMPLES_A_PERIOD = 32  # of a run, in a period of the flat panel's leading root
@@ -19,62 +25,207 @@ STEP_HIGHEST = 0.5  # step times the highest natural frequency; Runge-Kutta is s
 # Step times the lowest: a step loses (ωh)⁶/72 of a mode's energy, at 0.03 so 2e-7 of the first mode's in 100 periods
 STEP_LOWEST = 0.03
 COUPLED = 0.5  # of that step where B ≠ 0: there any deflection moves the high modes, which lose energy first
+STEP_FASTEST = 1.0  # step times the fastest pole that the controller brings; those decay, and Runge-Kutta is stable
+STIFFEST = 30.0  # times shorter than the panel's own a step may be made by that
+MOST_NODES = 800  # of all delay lines together, in a dense eigenproblem
+CHUNK = 4096  # steps at a time for which noise is drawn and what was asked for is kept
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a controller carries from one stretch of motion to the next."""
+
+    own: Floats
+    """(m,) its own state z [its own units]."""
+    when: Floats
+    """(k,) instants of the past delay at which it asked for something, from now [s]; the last is the latest."""
+    asked: Floats
+    """(k, channels) what it asked for then [V]; before the first it asked for nothing."""
+    drawn: int
+    """How many times noise was drawn [-]."""
+
+    @staticmethod
+    def blank(law: Law) -> Memory:
+        """That of a controller which is just being set up: estimating no motion, having asked for nothing."""
+        return Memory(np.zeros(law.memory), np.zeros(0), np.zeros((0, len(law.gain))), 0)
+
+    def fits(self, law: Law) -> bool:
+        """Whether a law could go on from here: with as many states of its own and as many channels."""
+        return len(self.own) == law.memory and self.asked.shape[1] == len(law.gain)
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A plant and its regulator laid out for the kernel."""
+    """A plant and the law that drives it, laid out for the kernel."""
 
     plant: Plant
     """The panel in its stream."""
-    regulator: Regulator
-    """The regulator, which a stretch may leave disengaged."""
+    law: Law
+    """The control law, which a stretch may leave disengaged."""
     linear: Floats
     """(n, 2n) K and C side by side."""
 
     @staticmethod
-    def of(plant: Plant, regulator: Regulator | None = None) -> Loop:
-        """Lay out a plant and a regulator; without one the loop stays open.
+    def of(plant: Plant, law: Law | None = None) -> Loop:
+        """Lay out a plant and a law, by default that of the design's controller.
 
         Raises:
-            ControlError: a regulator was left to be made and does not exist.
+            ControlError: the design's controller does not exist, or is too fast to be integrated.
         """
-        return Loop(plant, regulator or Regulator.of(plant), np.hstack([plant.stiffness, plant.damping]))
+        loop = Loop(plant, law or law_of(plant), np.hstack([plant.stiffness, plant.damping]))
+        if STEP_FASTEST / max(loop._fastest, 1e-300) < loop._panel_step / STIFFEST:
+            raise ControlError(
+                f"the controller brings a pole of {loop._fastest:.2g} /s, far beyond the panel's highest mode: use a "
+                "smaller control.rate_gain or control.observer_weight, or a smaller gain of your own"
+            )
+        lines = min(len(loop.law.gain), 2 * plant.size + loop.law.memory)
+        if line_nodes(plant, loop.law) * lines > MOST_NODES:
+            turned = loop.law.delay * plant.model.band[1]
+            raise ControlError(
+                f"control.delay = {loop.law.delay:g} s: the highest mode turns {turned:.0f} rad in that time, too "
+                "often for its eigenvalues; use a shorter delay, fewer modes or fewer channels"
+            )
+        return loop
+
+    @cached_property
+    def poles(self) -> NDArray[np.complex128]:
+        """Poles of the closed loop about the flat panel [1/s]; with a delay, those nearest to the imaginary axis."""
+        return np.linalg.eigvals(closed_loop(self.plant, self.law)).astype(np.complex128)
+
+    @cached_property
+    def growth(self) -> complex:
+        """Leading pole of the closed loop: growth rate [1/s] + i·frequency [rad/s]."""
+        return leading_eigenvalue(closed_loop(self.plant, self.law))
+
+    @property
+    def _panel_step(self) -> float:
+        """Longest time step that the panel's motion allows [s]."""
+        lowest, highest = self.plant.model.band
+        return min(STEP_HIGHEST / highest, STEP_LOWEST / lowest)
+
+    @cached_property
+    def _fastest(self) -> float:
+        """Size of the fastest pole, at work or saturated [1/s]; 0 for a controller that brings none of its own."""
+        a, b, k = extended(self.plant, self.law)
+        if not k.any() and not self.law.memory:
+            return 0.0
+        matrices = (a, a - b @ k) if self.law.memory else (a - b @ k,)  # saturated, z moves by a alone
+        return max(float(np.abs(np.linalg.eigvals(matrix)).max()) for matrix in matrices)
+
+    @cached_property
+    def _step(self) -> float:
+        """Longest time step [s] that all motions of panel and controller allow."""
+        step = self._panel_step * (COUPLED if len(self.plant.model.membrane.cubic) else 1.0)
+        step = min(step, STEP_FASTEST / max(self._fastest, 1e-300))
+        return min(step, self.law.delay) if self.law.delay else step
 
     def stretch(self, state: Floats, sample: float, samples: int, engaged: bool) -> tuple[Floats, Floats]:
-        """Integrate from a state.
+        """Integrate from a state, with a controller that is just being set up.
 
         Args:
             state: (2n,) amplitudes and rates.
             sample: time between samples [s].
             samples: how many.
-            engaged: whether the regulator drives the patches.
+            engaged: whether the controller drives the patches.
 
         Returns:
             States (samples, 2n) and voltages (samples, channels) after each interval; shorter if the motion diverged.
         """
-        gain = self.regulator.gain
-        lowest, highest = self.plant.model.band
-        step = min(STEP_HIGHEST / highest, STEP_LOWEST / lowest)
-        step *= COUPLED if len(self.plant.model.membrane.cubic) else 1.0
-        substeps = max(1, math.ceil(sample / step))
-        states = np.empty((samples, len(state)))
+        law = self.law if engaged else Law.idle(self.plant)
+        return self._integrated(state, Memory.blank(law), law, sample, samples)[:2]
+
+    def advance(
+        self, state: Floats, memory: Memory, sample: float, samples: int, engaged: bool
+    ) -> tuple[Floats, Floats, Memory]:
+        """As `stretch`, and with what the controller remembers; disengaged, it goes on listening.
+
+        Returns:
+            States, voltages, and the memory at the end.
+        """
+        law = self.law if engaged else dataclasses.replace(self.law.scaled(0.0), delay=0.0)
+        return self._integrated(state, memory, law, sample, samples)
+
+    def _integrated(
+        self, state: Floats, memory: Memory, law: Law, sample: float, samples: int
+    ) -> tuple[Floats, Floats, Memory]:
+        """States (samples, 2n), voltages (samples, channels) and the memory after samples under a law."""
+        plant, n = self.plant, self.plant.size
+        substeps = max(1, math.ceil(sample / self._step))
+        step = sample / substeps
+        gain = np.hstack([law.direct(plant.force), law.reading])
+        own = np.hstack([law.sensed @ plant.force.T, np.zeros((law.memory, n)), law.own])
+        states = np.empty((samples, 2 * n + law.memory))
         volts = np.empty((samples, len(gain)))
-        finite = integrate(
-            state,
-            self.linear,
-            self.plant.model.membrane.quartic,
-            self.plant.model.membrane.cubic,
-            self.plant.model.load,
-            np.ascontiguousarray(self.plant.force),
-            np.ascontiguousarray(gain) if engaged else np.zeros_like(gain),
-            self.regulator.limit,
-            sample / substeps,
-            substeps,
-            states,
-            volts,
-        )
-        return states[:finite], volts[:finite]
+        chunk = max(1, CHUNK // substeps) if law.delay or law.hears_noise else max(1, samples)
+        x = np.concatenate([state, memory.own])
+        for first in range(0, samples, chunk):
+            part = slice(first, min(first + chunk, samples))
+            steps = (part.stop - first) * substeps
+            known = len(memory.when)
+            when, asked = memory.when, memory.asked
+            if law.delay:
+                when, asked = (
+                    np.concatenate([when, np.empty(steps + 1)]),
+                    np.vstack([asked, np.empty((steps + 1, len(gain)))]),
+                )
+            jitter = _jitter(law, memory.drawn, steps, step)
+            finite = integrate(
+                x,
+                self.linear,
+                plant.model.membrane.quartic,
+                plant.model.membrane.cubic,
+                plant.model.load,
+                np.ascontiguousarray(plant.force),
+                np.ascontiguousarray(gain),
+                own,
+                np.ascontiguousarray(law.driven),
+                law.limit,
+                jitter,
+                law.delay,
+                when,
+                asked,
+                known,
+                step,
+                substeps,
+                states[part],
+                volts[part],
+            )
+            if finite < part.stop - first:
+                return states[: first + finite, : 2 * n], volts[: first + finite], memory
+            x = states[part.stop - 1]
+            memory = _remembered(
+                law, x[2 * n :], when, asked, known + steps, steps * step, memory.drawn + bool(len(jitter))
+            )
+        return states[:, : 2 * n], volts, memory
+
+
+def _jitter(law: Law, drawn: int, steps: int, step: float) -> Floats:
+    """(steps, channels + m) noise on U and ż, held for a step each; (0, channels + m) where there is none.
+
+    Held for a step h, white noise of one-sided density S has the variance S²/(2h): its band ends at 1/(2h).
+    """
+    c = len(law.gain)
+    if not law.hears_noise:
+        return np.zeros((0, c + law.memory))
+    noise = np.random.default_rng((law.seed, drawn)).normal(0.0, law.noise / math.sqrt(2 * step), (steps, c))
+    return np.hstack([-noise @ (law.on_charge + law.on_current).T, noise @ law.sensed.T])
+
+
+def _remembered(law: Law, own: Floats, when: Floats, asked: Floats, known: int, elapsed: float, drawn: int) -> Memory:
+    """The memory after a time, with what was asked for in the last delay, and the record before that."""
+    if not law.delay:
+        return Memory(own.copy(), np.zeros(0), np.zeros((0, len(law.gain))), drawn)
+    times = when[:known] - elapsed
+    first = max(0, int(np.searchsorted(times, -law.delay, side="right")) - 2)  # and the one before, for the parabola
+    return Memory(own.copy(), times[first:], asked[first:known], drawn)
+
+
+def loop_if_any(plant: Plant, law: Law | None = None) -> Loop | None:
+    """As `Loop.of`, or None where the controller does not exist or is too fast."""
+    try:
+        return Loop.of(plant, law)
+    except ControlError:
+        return None
 
 
 def first_mode_at_rest(plant: Plant, amplitude: float) -> Floats:
@@ -85,7 +236,10 @@ def first_mode_at_rest(plant: Plant, amplitude: float) -> Floats:
 
 
 def seed_protocol(loop: Loop) -> Trace:
-    """The run of the design: from rest in the first mode, uncontrolled until t_on, then controlled to the end."""
+    """The run of the design: from rest in the first mode, uncontrolled until t_on, then controlled to the end.
+
+    A controller that estimates the motion listens from the start.
+    """
     run = loop.plant.design.run
     start = first_mode_at_rest(loop.plant, run.initial_amplitude * loop.plant.design.panel.thickness)
     sample = max(loop.plant.period / SAMPLES_A_PERIOD, run.duration / MOST_SAMPLES)
@@ -93,10 +247,10 @@ def seed_protocol(loop: Loop) -> Trace:
     span = run.control_on or run.duration
     sample = span / math.ceil(span / sample)
     free, rest = round(run.control_on / sample), round((run.duration - run.control_on) / sample)
-    before, idle = loop.stretch(start, sample, free, engaged=False)
+    before, idle, memory = loop.advance(start, Memory.blank(loop.law), sample, free, engaged=False)
     states, volts = [start[None], before], [np.zeros((1, idle.shape[1])), idle]
     if len(before) == free:
-        after, driven = loop.stretch(before[-1] if free else start, sample, rest, engaged=True)
+        after, driven, _ = loop.advance(before[-1] if free else start, memory, sample, rest, engaged=True)
         states.append(after)
         volts.append(driven)
     states = np.concatenate(states)

@@ -11,12 +11,12 @@ import numpy as np
 
 from solver.aerodynamics import design_at_pressure
 from solver.design import Design
-from solver.errors import ControlError, DesignError
+from solver.errors import DesignError
+from solver.law import Law
 from solver.mesh import Floats
 from solver.outcome import Outcome, outcome_of
 from solver.plant import Plant
-from solver.regulator import Regulator
-from solver.simulate import Loop, seed_protocol
+from solver.simulate import Loop, loop_if_any, seed_protocol
 
 NUMBERS = {("flow", "mach"), ("reduction", "modes")}  # that may hold something else than a number at present
 WHOLE = {("reduction", "modes")}
@@ -41,7 +41,7 @@ class SweepRow:
     frequency_hz: float
     """Frequency of that root [Hz]."""
     closed_loop_growth_per_s: float | None
-    """Growth rate with the regulator [1/s]; None where there is no regulator."""
+    """Growth rate with the controller [1/s]; None where none exists."""
     motion: str | None
     """What it settles into: flat, buckled, deflected, limit cycle, periodic, quasi-periodic or chaotic."""
     snap_through: bool
@@ -111,7 +111,7 @@ def _rows(points: list[tuple[float, Design]]) -> Iterator[SweepRow]:
         value, point = points[k] if rising else points[2 * len(points) - 2 - k]
         whole = Plant.of(point)
         plant = whole.symmetric()
-        loop = Loop.of(plant, _regulator(plant) or Regulator.idle(plant))
+        loop = loop_if_any(plant) or Loop.of(plant, Law.idle(plant))
         outcome = outcome_of(loop, _carried(last, plant))
         last = (plant, outcome.cycle.state) if outcome.cycle else None
         yield _row(value, "up" if rising else "down", whole, loop, outcome)
@@ -119,8 +119,8 @@ def _rows(points: list[tuple[float, Design]]) -> Iterator[SweepRow]:
 
 def _row(value: float, direction: Literal["up", "down"], whole: Plant, loop: Loop, outcome: Outcome) -> SweepRow:
     plant, motion, orbit, cycle = loop.plant, outcome.motion, outcome.orbit, outcome.cycle
-    regulator = _regulator(whole)
-    timed = direction == "up" and plant.channels and regulator is not None
+    controlled = loop_if_any(whole)
+    timed = direction == "up" and plant.channels and controlled is not None
     return SweepRow(
         value=value,
         direction=direction,
@@ -129,7 +129,7 @@ def _row(value: float, direction: Literal["up", "down"], whole: Plant, loop: Loo
         passive=whole.passive,
         growth_per_s=whole.growth.real,
         frequency_hz=whole.growth.imag / (2 * np.pi),
-        closed_loop_growth_per_s=regulator.growth.real if regulator else None,
+        closed_loop_growth_per_s=controlled.growth.real if controlled else None,
         motion=motion.kind if motion else None,
         snap_through=bool(motion and motion.snap_through),
         lco_amplitude_over_h=cycle.amplitude if cycle else None,
@@ -145,10 +145,3 @@ def _carried(last: tuple[Plant, Floats] | None, plant: Plant) -> Floats | None:
     if last is None or last[0].model.plate.space.mesh != plant.model.plate.space.mesh:
         return None
     return plant.model.project(last[0].model, last[1].reshape(2, -1)).ravel()
-
-
-def _regulator(plant: Plant) -> Regulator | None:
-    try:
-        return Regulator.of(plant)
-    except ControlError:
-        return None

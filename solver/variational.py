@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from solver.kernel import integrate
+from solver.kernel import integrate_free
 from solver.mesh import Floats, Ints
 from solver.plant import Plant
 
@@ -208,20 +208,7 @@ class FlowMap:
         steps = steps or self.steps(time)
         n = len(self.load)
         end = np.full((1, 2 * n), np.nan)
-        integrate(
-            state,
-            self.linear,
-            self.quartic,
-            self.cubic,
-            self.load,
-            np.zeros((n, 0)),
-            np.zeros((0, 2 * n)),
-            0.0,
-            time / steps,
-            steps,
-            end,
-            np.zeros((1, 0)),
-        )
+        integrate_free(state, self.linear, self.quartic, self.cubic, self.load, time / steps, steps, end)
         return end[0]
 
     def norm(self, state: Floats) -> float:

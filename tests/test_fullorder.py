@@ -139,7 +139,7 @@ def test_error_goes_with_the_square_of_the_step(engaged: bool) -> None:
     start[0] = (0.01 if engaged else 0.5) * plant.design.panel.thickness / plant.model.peak[0]
     counts = np.array([40, 80, 160, 320])
     ends = [full_run(loop, start, plant.period / 2, 2, engaged, steps=int(k) // 2).amplitudes[-1] for k in counts]
-    assert not engaged or np.abs(loop.regulator.gain @ start).max() < loop.regulator.limit
+    assert not engaged or np.abs(loop.law.gain @ start).max() < loop.law.limit
     change = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     slope = np.polyfit(np.log(counts[:-1]), np.log(change), 1)[0]
     assert slope == pytest.approx(-2.0, abs=0.15)  # an asymptote; these steps are on the way to it

@@ -1,5 +1,9 @@
 """The cubic law of large deflection: its energy, its gradient, and the kernel that integrates it."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -79,56 +83,151 @@ def test_gauss_points_are_enough() -> None:
     assert error[0] < 1e-5
 
 
-def reference_step(
-    x: Floats,
-    step: float,
-    linear: Floats,
-    quartic: Floats,
-    cubic: Floats,
-    load: Floats,
-    force: Floats,
-    gain: Floats,
-    limit: float,
-) -> Floats:
-    """One classical Runge-Kutta step in plain numpy."""
-    n = len(x) // 2
-    law = LargeDeflection(quartic, cubic)
+@dataclass(frozen=True)
+class Inputs:
+    """What the kernel is given, random."""
 
-    def rate(x: Floats) -> Floats:
-        volts = np.clip(-gain @ x, -limit, limit)
-        return np.concatenate([x[n:], load - linear @ x - membrane_force(law, x[:n]) + force @ volts])
+    linear: Floats
+    quartic: Floats
+    cubic: Floats
+    load: Floats
+    force: Floats
+    gain: Floats
+    own: Floats
+    driven: Floats
+    limit: float
+    jitter: Floats
+    delay: float
 
-    k1 = rate(x)
-    k2 = rate(x + step / 2 * k1)
-    k3 = rate(x + step / 2 * k2)
-    k4 = rate(x + step * k3)
+    @staticmethod
+    def random(modes: int, channels: int, memory: int, coupled: bool, noisy: bool, delay: float, steps: int) -> Inputs:
+        rng = np.random.default_rng(modes)
+        pairs = modes * (modes + 1) // 2
+        root = rng.standard_normal((pairs, pairs))
+        size = 2 * modes + memory
+        return Inputs(
+            linear=rng.standard_normal((modes, 2 * modes)),
+            quartic=root @ root.T,
+            cubic=rng.standard_normal((pairs, modes)) if coupled else np.zeros((0, modes)),
+            load=rng.standard_normal(modes),
+            force=rng.standard_normal((modes, channels)),
+            gain=rng.standard_normal((channels, size)),
+            own=rng.standard_normal((memory, size)),
+            driven=rng.standard_normal((memory, channels)),
+            limit=0.3,  # about half the voltages are cut
+            jitter=rng.standard_normal((steps if noisy else 0, channels + memory)),
+            delay=delay,
+        )
+
+    def noise(self, done: int) -> tuple[Floats, Floats]:
+        """Of a step: on U and on ż."""
+        channels = self.force.shape[1]
+        row = self.jitter[done] if len(self.jitter) else np.zeros(channels + len(self.own))
+        return row[:channels], row[channels:]
+
+    def asked(self, x: Floats, done: int) -> Floats:
+        """U at a state."""
+        return -self.gain @ x + self.noise(done)[0]
+
+
+def reference_step(given: Inputs, x: Floats, step: float, done: int, record: list[tuple[float, Floats]]) -> Floats:
+    """One classical Runge-Kutta step in plain numpy; where delayed, U of the instant is added to the record first."""
+    n = len(given.linear)
+    law = LargeDeflection(given.quartic, given.cubic)
+    if given.delay:
+        record.append((done * step, given.asked(x, done)))
+
+    def rate(x: Floats, ahead: float) -> Floats:
+        delayed = given.delay > 0
+        volts = recalled(record, (done + ahead) * step - given.delay) if delayed else given.asked(x, done)
+        volts = np.clip(volts, -given.limit, given.limit)
+        force = membrane_force(law, x[:n])
+        acceleration = given.load - given.linear @ x[: 2 * n] - force + given.force @ volts
+        own = given.own @ x + given.driven @ volts + given.noise(done)[1]
+        return np.concatenate([x[n : 2 * n], acceleration, own])
+
+    k1 = rate(x, 0.0)
+    k2 = rate(x + step / 2 * k1, 0.5)
+    k3 = rate(x + step / 2 * k2, 0.5)
+    k4 = rate(x + step * k3, 1.0)
     return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-@pytest.mark.parametrize(("modes", "channels", "coupled"), [(1, 0, False), (3, 1, True), (6, 4, False), (5, 2, True)])
-def test_kernel_is_runge_kutta(modes: int, channels: int, coupled: bool) -> None:
-    rng = np.random.default_rng(modes)
-    pairs = modes * (modes + 1) // 2
-    root = rng.standard_normal((pairs, pairs))
-    inputs = {
-        "linear": rng.standard_normal((modes, 2 * modes)),
-        "quartic": root @ root.T,
-        "cubic": rng.standard_normal((pairs, modes)) if coupled else np.zeros((0, modes)),
-        "load": rng.standard_normal(modes),
-        "force": rng.standard_normal((modes, channels)),
-        "gain": rng.standard_normal((channels, 2 * modes)),
-        "limit": 0.3,  # about half the voltages are cut
-    }
-    start = rng.standard_normal(2 * modes) / 2
-    states, volts = np.empty((4, 2 * modes)), np.empty((4, channels))
-    finite = integrate(start, **inputs, step=0.01, substeps=3, states=states, volts=volts)
-    assert finite == 4
-    x = start
-    for sample in range(4):
-        for _ in range(3):
-            x = reference_step(x, 0.01, **inputs)
+def recalled(record: list[tuple[float, Floats]], time: float) -> Floats:
+    """U at an instant: Lagrange's parabola through the two records about it and the one before; 0 before the first."""
+    times = [t for t, _ in record]
+    place = int(np.searchsorted(times, time, side="right")) - 1
+    if place < 0:
+        return np.zeros_like(record[0][1])
+    used = record[max(place - 1, 0) : place + 2] if place + 1 < len(record) else record[place:]
+    weights = [np.prod([(time - t) / (own - t) for t, _ in used if t != own]) for own, _ in used]
+    return np.sum([weight * u for weight, (_, u) in zip(weights, used, strict=True)], axis=0)
+
+
+@pytest.mark.parametrize(
+    ("modes", "channels", "memory", "coupled", "noisy", "delay", "past"),
+    [
+        (1, 0, 0, False, False, 0.0, ()),
+        (3, 1, 0, True, False, 0.0, ()),
+        (6, 4, 0, False, False, 0.0, ()),
+        (5, 2, 0, True, False, 0.0, ()),
+        (3, 2, 4, False, False, 0.0, ()),  # an estimator
+        (4, 1, 3, True, True, 0.0, ()),  # that hears noise
+        (2, 3, 0, False, True, 0.0, ()),
+        (3, 2, 0, False, False, 0.01, ()),  # a delay of just a step
+        (3, 2, 0, False, False, 0.037, ()),  # between steps, nothing asked for before
+        (4, 2, 3, True, True, 0.037, (1.3, 0.95, 0.92, 0.4, 0.1)),  # with a past, in parts of the delay
+        (2, 1, 2, False, False, 1.0, (0.97, 0.92, 0.1)),  # longer than the run: nothing, then the past
+    ],
+)
+def test_kernel_is_runge_kutta(
+    modes: int, channels: int, memory: int, coupled: bool, noisy: bool, delay: float, past: tuple[float, ...]
+) -> None:
+    samples, substeps, step = 4, 3, 0.01
+    steps = samples * substeps
+    given = Inputs.random(modes, channels, memory, coupled, noisy, delay, steps)
+    rng = np.random.default_rng(7)
+    start = rng.standard_normal(2 * modes + memory) / 2
+    known = len(past)
+    when, asked = np.empty(known + steps + 1), np.empty((known + steps + 1, channels))
+    when[:known], asked[:known] = -delay * np.array(past), rng.standard_normal((known, channels))
+    record = [(float(when[k]), asked[k].copy()) for k in range(known)]
+    states, volts = np.empty((samples, len(start))), np.empty((samples, channels))
+    before = start.copy()
+    finite = integrate(
+        start,
+        given.linear,
+        given.quartic,
+        given.cubic,
+        given.load,
+        given.force,
+        given.gain,
+        given.own,
+        given.driven,
+        given.limit,
+        given.jitter,
+        given.delay,
+        when,
+        asked,
+        known,
+        step,
+        substeps,
+        states,
+        volts,
+    )
+    assert finite == samples
+    np.testing.assert_array_equal(start, before)
+    x, done = start, 0
+    for sample in range(samples):
+        for _ in range(substeps):
+            x = reference_step(given, x, step, done, record)
+            done += 1
+        wanted = recalled(record, done * step - delay) if delay else given.asked(x, done - 1)
         np.testing.assert_allclose(states[sample], x, rtol=1e-11, atol=1e-12)  # sums are reordered, no more
-        np.testing.assert_allclose(volts[sample], np.clip(-inputs["gain"] @ x, -0.3, 0.3), rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(volts[sample], np.clip(wanted, -0.3, 0.3), rtol=1e-10, atol=1e-12)
+    if delay:  # the record that the next stretch goes on from
+        np.testing.assert_allclose(when[: known + steps], [t for t, _ in record], rtol=1e-12)
+        np.testing.assert_allclose(asked[: known + steps], [u for _, u in record], rtol=1e-10, atol=1e-12)
 
 
 def test_energy_is_conserved_without_flow() -> None:
