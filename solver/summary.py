@@ -8,17 +8,17 @@ import numpy as np
 
 from solver.aerodynamics import Stream
 from solver.buckling import buckling_factor
+from solver.controlfacts import control_warnings
 from solver.cycles import limit_cycles
 from solver.design import Design
 from solver.equilibrium import critical_pressure_deflected, static_states
 from solver.estimate import ErrorEstimate, estimate_error
 from solver.flutter import SCAN_END, buckled, critical_pressure, critical_pressure_full
-from solver.fullrun import full_limit_cycle, full_seed_protocol
+from solver.fullrun import full_limit_cycle, full_seed_protocol, refuse_memory
 from solver.mesh import Floats
 from solver.modes import ModalModel
 from solver.outcome import outcome_of
 from solver.plant import Plant
-from solver.regulator import Regulator
 from solver.rootlocus import root_locus
 from solver.shooting import Orbit
 from solver.simulate import Loop, seed_protocol
@@ -165,7 +165,7 @@ class CycleFacts:
 
 @dataclass(frozen=True)
 class FullOrderFacts:
-    """A design's run with no modal reduction, under the regulator of the reduced model."""
+    """A design's run with no modal reduction, under the control law of the reduced model."""
 
     damping_time_s: float | None
     """Damping time [s]; None if never within the run, or passive."""
@@ -203,6 +203,8 @@ class RunFacts:
     """Share of every mode of the run in the limit cycle [%], by max|q_r| scaled with the mode's peak."""
     mode_frequencies_hz: list[float]
     """Frequencies of the modes of the run [Hz]: the symmetric ones alone where nothing excites others."""
+    end_amplitude_over_h: float
+    """Largest |w| in the last four flutter periods of the run, over h [-]."""
     peak_voltage_v: float
     """Largest voltage on any channel [V]."""
     saturated_share: float
@@ -222,7 +224,7 @@ class RunFacts:
     open_loop_growth_per_s: float
     """Growth rate of the flat panel without control, over all modes of the reduction [1/s]."""
     closed_loop_growth_per_s: float
-    """Growth rate with the regulator, over all modes of the reduction [1/s].
+    """Growth rate with the controller, over all modes of the reduction [1/s].
 
     Positive where no channel reaches a fluttering mode, as a symmetric layout the antisymmetric ones; a run from a
     symmetric start does not meet them.
@@ -250,11 +252,13 @@ def run_facts(
 
     Raises:
         DesignError: the reduction does not serve a simulation.
-        ControlError: no regulator exists.
+        ControlError: the design's controller does not exist.
     """
     whole = Plant.of(design)
     plant = whole.symmetric()
     loop = Loop.of(plant)
+    if full_order:
+        refuse_memory(loop)
     trace = seed_protocol(loop)
     outcome = outcome_of(loop)
     motion, orbit, cycle = outcome.motion, outcome.orbit, outcome.cycle
@@ -271,6 +275,7 @@ def run_facts(
             cycles=[_cycle_facts(orbit) for orbit in limit_cycles(plant)] if cycles else [],
             participation_percent=cycle.participation.tolist() if cycle else [],
             mode_frequencies_hz=(plant.model.omega / (2 * np.pi)).tolist(),
+            end_amplitude_over_h=trace.end_amplitude,
             peak_voltage_v=trace.peak_voltage,
             saturated_share=trace.saturated_share,
             motion=motion.kind if motion else None,
@@ -280,9 +285,9 @@ def run_facts(
             dynamic_pressure=plant.stream.dynamic_pressure,
             lambda_cr=whole.critical[0] if whole.critical else None,
             open_loop_growth_per_s=whole.growth.real,
-            closed_loop_growth_per_s=Regulator.of(whole).growth.real,
+            closed_loop_growth_per_s=Loop.of(whole).growth.real,
             channels=[list(group) for group in plant.channels],
-            warnings=list(plant.stream.notes),
+            warnings=[*plant.stream.notes, *control_warnings(whole, trace)],
             estimate=estimate_error(design) if estimate else None,
             full_order=_full_order(loop) if full_order else None,
         ),

@@ -7,9 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from solver.mesh import Floats
+from solver.mesh import Bools, Floats
 from solver.plant import Plant
 
+LAST_PERIODS = 4  # by which the amplitude at an instant is judged
+GROWN = 1.05  # times its amplitude so many periods ago, from which on flutter counts as still growing
 PROBE = (0.75, 0.5)  # where limit-cycle amplitudes are read, in parts of a and b: near the peak of the flutter shape
 
 
@@ -17,6 +19,14 @@ def probe_shapes(plant: Plant) -> Floats:
     """(n,) mode shapes at the 0.75 a, 0.5 b point [1/√kg]."""
     panel = plant.design.panel
     return plant.model.at(PROBE[0] * panel.length, PROBE[1] * panel.width)
+
+
+def quiet_from(times: Floats, largest: Floats, settled: float) -> float | None:
+    """The instant after which something stays below a limit, of samples (samples,) at times; None if it does not."""
+    above = np.flatnonzero(~(largest < settled))
+    if not len(above):
+        return 0.0
+    return float(times[above[-1] + 1]) if above[-1] + 1 < len(times) else None
 
 
 @dataclass(frozen=True)
@@ -66,15 +76,9 @@ class Trace:
         """
         run = self.plant.design.run
         after = self.times >= run.control_on * (1 - 1e-12)
-        above = np.flatnonzero(self.largest[after] >= run.settled)
-        times = self.times[after]
-        if self.plant.passive or not self.volts.shape[1] or not len(times) or not self.complete:
+        if self.plant.passive or not self.volts.shape[1] or not after.any() or not self.complete:
             return None
-        if not len(above):
-            return 0.0
-        if above[-1] + 1 == len(times):
-            return None
-        return float(times[above[-1] + 1] - run.control_on)
+        return quiet_from(self.times[after] - run.control_on, self.largest[after], run.settled)
 
     @property
     def peak_voltage(self) -> float:
@@ -82,10 +86,46 @@ class Trace:
         return float(np.abs(self.volts).max(initial=0.0))
 
     @property
+    def end_amplitude(self) -> float:
+        """Largest |w| on the panel in the run's last few flutter periods, over h [-]."""
+        return self._amplitude_before(self.times[-1])
+
+    @property
+    def settled_amplitude(self) -> float | None:
+        """The same at t_on; None if the motion was still growing then, or nothing was driven after it."""
+        on, span = self.plant.design.run.control_on, LAST_PERIODS * self.plant.period
+        if on < 2 * span or not self.peak_voltage:
+            return None
+        last, earlier = self._amplitude_before(on), self._amplitude_before(on - span)
+        return last if last < GROWN * earlier else None
+
+    def _amplitude_before(self, end: float) -> float:
+        """Largest |w| on the panel in the few flutter periods up to an instant [s], over h [-]."""
+        window = (self.times > end - LAST_PERIODS * self.plant.period) & (self.times <= end)
+        return float(self.largest[window].max(initial=0.0))
+
+    @property
+    def control_energy(self) -> float:
+        """∫ VᵀV dt over all channels, from t_on until damped or the end [V²·s]."""
+        driven = self._driven
+        return float(np.trapezoid((self.volts[driven] ** 2).sum(axis=1), self.times[driven]))
+
+    @property
+    def drive_work(self) -> float:
+        """∫ Vᵀ dQ, the work of the patches on the panel in the same time [J]; negative: they take energy out of it."""
+        driven = self._driven
+        currents = self.states[driven, self.plant.size :] @ self.plant.force
+        return float(np.trapezoid((self.volts[driven] * currents).sum(axis=1), self.times[driven]))
+
+    @property
+    def _driven(self) -> Bools:
+        """(samples,) whether an instant lies between t_on and damped, or the end."""
+        start, time = self.plant.design.run.control_on, self.damping_time
+        end = self.times[-1] if time is None else start + time
+        return (self.times >= start * (1 - 1e-12)) & (self.times <= end * (1 + 1e-12))
+
+    @property
     def saturated_share(self) -> float:
         """Share of the time from t_on until damped (or the end) in which some channel is at its limit [-]."""
-        run = self.plant.design.run
-        end = run.control_on + self.damping_time if self.damping_time is not None else self.times[-1]
-        window = (self.times >= run.control_on) & (self.times <= end)
-        at_limit = np.abs(self.volts[window]) >= self.plant.design.control.voltage_limit * (1 - 1e-12)
+        at_limit = np.abs(self.volts[self._driven]) >= self.plant.design.control.voltage_limit * (1 - 1e-12)
         return float(at_limit.any(axis=1).mean()) if at_limit.size else 0.0
