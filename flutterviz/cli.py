@@ -17,17 +17,30 @@ from rich.table import Table
 
 from flutterviz.arguments import parsed, parsed_on_design
 from flutterviz.figures import check_picture, draw_roots, draw_sweep
-from flutterviz.tables import ERR, OUT, print_flutter, print_nfcg, print_run, print_sweep, warn
+from flutterviz.tables import (
+    ERR,
+    OUT,
+    print_authority,
+    print_control,
+    print_flutter,
+    print_hold,
+    print_run,
+    print_sweep,
+    warn,
+)
 from flutterviz.validation import markdown, terminal_table, write_into
 from solver import (
     ControlError,
     Design,
     DesignError,
+    authority,
+    control_facts,
     flutter_facts,
-    nfcg,
+    hold_over,
     run_facts,
     sweep,
 )
+from solver.authority import Criterion
 
 MOST_ROWS = 1000  # of a sweep, each of which takes a second or so
 USER_ERROR = 2
@@ -95,10 +108,23 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Nfcg:
-    """Norm of the feedback control gain of every element: where patches have authority."""
+class ControlOptions:
+    """Facts of the closed loop: poles, damping over phases of the limit cycle, limits in λ, energy, margin."""
 
     design: DesignName
+    over: Annotated[str | None, tyro.conf.arg(metavar="START:STOP:STEP")] = None
+    """Hold the layout against these dynamic pressures as well, as 512:1200:43; the last one is included."""
+    json: JsonFlag = False
+
+
+@dataclass(frozen=True)
+class Nfcg:
+    """Control authority of every element: the norm of its feedback gain, or another criterion."""
+
+    design: DesignName
+    criterion: Criterion = "nfcg"
+    """nfcg: gain norm of an actuator there; nkfeg: estimator gain norm of a sensor there; controllability: force on the
+    growing motion; h2: closed-loop cost with it alone; growth: growth rate by one more patch, uncontrolled."""
     json: JsonFlag = False
 
 
@@ -125,6 +151,7 @@ COMMANDS = {
     "flutter": Flutter,
     "simulate": Simulate,
     "sweep": Sweep,
+    "control": ControlOptions,
     "nfcg": Nfcg,
     "check": Check,
     "replay": Replay,
@@ -177,8 +204,10 @@ def _dispatch(words: list[str]) -> int:
             _sweep(options, design)
         case "nfcg":
             options, design = parsed_on_design(Nfcg, words, name)
-            norms = nfcg(design)
-            _print_json({"nfcg": norms.tolist()}) if options.json else print_nfcg(design, norms)
+            _nfcg(options, design)
+        case "control":
+            options, design = parsed_on_design(ControlOptions, words, name)
+            _control(options, design)
         case "check":
             return _check(parsed(Check, words, name))
         case "replay":
@@ -233,21 +262,58 @@ def _sweep(options: Sweep, design: Design) -> None:
     _print_json({"over": field, "rows": rows}) if options.json else print_sweep(field, rows)
 
 
+def _nfcg(options: Nfcg, design: Design) -> None:
+    shown = authority(design, options.criterion)
+    if not options.json:
+        print_authority(design, shown)
+        return
+    values = [float(v) if np.isfinite(v) else None for v in shown.values]
+    named = {"nfcg": values} if shown.criterion == "nfcg" else {}
+    told = {"criterion": shown.criterion, "unit": shown.unit, "better": shown.better, "values": values}
+    _print_json(told | {"best": shown.best} | named)
+
+
+def _control(options: ControlOptions, design: Design) -> None:
+    pressures = _span(options.over, f"--over {options.over}", "512:1200:43") if options.over else []
+    for pressure in pressures:
+        design.with_dynamic_pressure(pressure)  # refused before anything is computed
+    with ERR.status("closing the loop"):
+        facts = control_facts(design)
+    warn(facts.warnings)
+    if not options.json:
+        print_control(facts)
+    rows = []
+    with Progress(console=ERR, transient=True) as progress:
+        task = progress.add_task("λ", total=len(pressures), visible=bool(pressures))
+        for row in hold_over(design, pressures) if pressures else ():
+            rows.append(row)
+            progress.update(task, advance=1, description=f"λ = {row.dynamic_pressure:g}")
+    if options.json:
+        _print_json(msgspec.to_builtins(facts) | {"rows": rows})
+    elif rows:
+        print_hold(facts.dynamic_pressure, rows)
+
+
 def _range(words: str) -> tuple[str, list[float]]:
     """Field and values of FIELD=START:STOP:STEP."""
     field, equals, span = words.partition("=")
+    return field, _span(span if equals else "", f"--over {words}", "flow.dynamic-pressure=500:1200:50")
+
+
+def _span(span: str, option: str, example: str) -> list[float]:
+    """Values of START:STOP:STEP."""
     try:
         start, stop, step = (float(part) for part in span.split(":"))
     except ValueError:
         start, stop, step = 0.0, 0.0, 0.0
     count = (stop - start) / step + 1 if step else 0.0
-    if not equals or not 1 <= count <= MOST_ROWS or not np.isfinite([start, stop, step]).all():
+    if not 1 <= count <= MOST_ROWS or not np.isfinite([start, stop, step]).all():
+        field = example.rpartition("=")[0] and "FIELD="
         raise DesignError(
-            f"--over {words}: use FIELD=START:STOP:STEP with START before STOP and at most {MOST_ROWS} values, as "
-            "flow.dynamic-pressure=500:1200:50"
+            f"{option}: use {field}START:STOP:STEP with START before STOP and at most {MOST_ROWS} values, as {example}"
         )
     # a stop that a whole number of steps reaches, but for rounding, counts
-    return field, [start + step * k for k in range(int(count + 1e-9))]
+    return [start + step * k for k in range(int(count + 1e-9))]
 
 
 def _simulate(options: Simulate, design: Design) -> None:

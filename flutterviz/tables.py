@@ -5,11 +5,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from solver import Design, ErrorEstimate, FlutterFacts, RunFacts, Stream, SweepRow
-from solver.mesh import Floats
+from solver import (
+    AuthorityMap,
+    ControlFacts,
+    Design,
+    ErrorEstimate,
+    FlutterFacts,
+    HoldRow,
+    RunFacts,
+    Stream,
+    SweepRow,
+)
 
 # wide enough for a table's rows where the output goes into a file
 OUT, ERR = Console(width=None if sys.stdout.isatty() else 140), Console(stderr=True)
@@ -77,7 +87,9 @@ def print_run(facts: RunFacts, cycles: bool) -> None:
     )
     if facts.motion is not None:
         chaos = f", Lyapunov exponent {facts.lyapunov_per_s:+.1f} /s" if facts.motion == "chaotic" else ""
-        table.add_row("settles into", facts.motion + (", snapping through" if facts.snap_through else "") + chaos)
+        table.add_row(
+            "uncontrolled, settles into", facts.motion + (", snapping through" if facts.snap_through else "") + chaos
+        )
         if facts.lco_amplitude_over_h is None and facts.motion_amplitude_over_h:
             table.add_row("peak of it, w/h at 0.75 a", f"{facts.motion_amplitude_over_h:.4f}")
     table.add_row("limit cycle, w/h at 0.75 a", _number(facts.lco_amplitude_over_h, ".4f", "–"))
@@ -85,8 +97,9 @@ def print_run(facts: RunFacts, cycles: bool) -> None:
     if facts.lco_floquet is not None:
         table.add_row("Floquet multiplier", f"{facts.lco_floquet:.4f} a cycle, beside the trivial 1")
     table.add_row("participation [%]", "  ".join(f"{p:.1f}" for p in facts.participation_percent[:8]))
+    table.add_row("largest |w|/h at the end", f"{facts.end_amplitude_over_h:.4f}")
     table.add_row("peak voltage", f"{facts.peak_voltage_v:.1f} V")
-    table.add_row("saturated", f"{100 * facts.saturated_share:.1f} % of the time to damped")
+    table.add_row("saturated", f"{100 * facts.saturated_share:.1f} % of the time under control")
     table.add_row("growth, uncontrolled", f"{facts.open_loop_growth_per_s:+.2f} /s")
     table.add_row("growth, controlled", f"{facts.closed_loop_growth_per_s:+.2f} /s")
     OUT.print(table)
@@ -126,14 +139,83 @@ def print_estimate(estimate: ErrorEstimate) -> None:
     OUT.print(table)
 
 
-def print_nfcg(design: Design, norms: Floats) -> None:
-    """Show the gain norm of every element, rows downstream."""
-    table = Table(title=f"NFCG [1000 V/(m·√kg)], rows downstream, λ = {Stream.of(design).dynamic_pressure:g}", box=None)
+def print_authority(design: Design, shown: AuthorityMap) -> None:
+    """Show the authority of every element, rows downstream."""
+    pressure = Stream.of(design).dynamic_pressure
+    size = float(np.nanmax(np.abs(shown.values), initial=0.0))
+    power = 3 * int(np.floor(np.log10(size) / 3)) if size > 0 else 0
+    unit = f"1e{power} {shown.unit}" if power else shown.unit
+    title = f"{shown.title} [{unit}], rows downstream, λ = {pressure:g}; {shown.better} is better"
+    table = Table(title=title, box=None)
     for j in range(design.mesh.ny):
         table.add_column(f"j = {j}", justify="right")
-    for i in range(design.mesh.nx):
-        table.add_row(*(f"{norms[i * design.mesh.ny + j] / 1000:.1f}" for j in range(design.mesh.ny)))
+    for row in shown.values.reshape(design.mesh.nx, design.mesh.ny) / 10.0**power:
+        table.add_row(*("–" if np.isnan(value) else f"{value:.4g}" for value in row))
     OUT.print(table)
+    if np.isnan(shown.values).any():
+        OUT.print(f"–: {shown.note}", highlight=False)
+    OUT.print("best: " + "  ".join(str(element) for element in shown.best[:10]), highlight=False)
+
+
+def print_control(facts: ControlFacts) -> None:
+    """Show the facts of a closed loop."""
+    count = len(facts.channels)
+    title = f"{facts.controller} on {count} channel{'' if count == 1 else 's'} at λ = {facts.dynamic_pressure:g}"
+    table = Table(title=title, show_header=False)
+    table.add_row("λ_cr with patches", _number(facts.lambda_cr, ".2f", "none") + (", passive" if facts.passive else ""))
+    table.add_row("growth, uncontrolled", f"{facts.open_loop_growth_per_s:+.2f} /s")
+    table.add_row("growth, controlled", f"{facts.closed_loop_growth_per_s:+.2f} /s")
+    margin = f"{facts.growth_at_lower_per_s:+.2f} /s and {facts.growth_at_higher_per_s:+.2f} /s"
+    table.add_row("the same with λ 10 % lower, higher", margin + ("" if facts.stands_model_error else ": not stable"))
+    poles = zip(facts.pole_growth_per_s[:4], facts.pole_frequency_hz[:4], strict=True)
+    table.add_row("leading poles", "  ".join(f"{growth:+.1f} /s at {hertz:.0f} Hz" for growth, hertz in poles))
+    table.add_row("stabilises up to λ", _limit(facts.stabilises_up_to, facts.stabilises_beyond))
+    table.add_row("ends the limit cycle up to λ", _limit(facts.suppresses_up_to, facts.suppresses_beyond))
+    table.add_row("damping time, seed protocol", _number(facts.damping_time_s, ".4f s", "–"))
+    table.add_row("worst over phases", _number(facts.robust_damping_time_s, ".4f s", "–"))
+    table.add_row("mean over phases", _number(facts.mean_damping_time_s, ".4f s", "–"))
+    times = facts.phase_damping_times_s
+    if times:
+        table.add_row("from each phase", "  ".join(_number(time, ".4f", "never") for time in times))
+    table.add_row("control energy ∫V² dt", f"{facts.control_energy_v2s:.4g} V²·s")
+    table.add_row("work of the patches on the panel", f"{facts.drive_work_j:+.4g} J")
+    table.add_row("largest |w|/h at the end", f"{facts.end_amplitude_over_h:.4f}")
+    table.add_row("peak voltage", f"{facts.peak_voltage_v:.1f} V")
+    table.add_row("saturated", f"{100 * facts.saturated_share:.1f} % of the time under control")
+    OUT.print(table)
+
+
+def print_hold(own: float, rows: list[HoldRow]) -> None:
+    """Show what a layout does over λ: with a controller made for each, and with that of its own λ."""
+    table = Table(title=f"controller made for each λ, and kept from λ = {own:g}")
+    heads = ("λ", "state", "growth [1/s]", "controlled", "damping [s]", "worst", "mean", "peak [V]")
+    for head in (*heads, "kept: growth", "worst"):
+        table.add_column(head, justify="right")
+    for row in rows:
+        table.add_row(
+            f"{row.dynamic_pressure:g}",
+            row.state,
+            f"{row.open_loop_growth_per_s:+.1f}",
+            _number(row.closed_loop_growth_per_s, "+.1f", "none"),
+            _number(row.damping_time_s, ".4f", "–"),
+            _number(row.robust_damping_time_s, ".4f", "–"),
+            _number(row.mean_damping_time_s, ".4f", "–"),
+            _number(row.peak_voltage_v, ".1f", "–"),
+            _number(row.fixed_closed_loop_growth_per_s, "+.1f", "none"),
+            _number(row.fixed_robust_damping_time_s, ".4f", "–"),
+        )
+    OUT.print(table)
+    fluttering = [row.state for row in rows if "suppressed" in row.state]
+    good, part = fluttering.count("suppressed"), fluttering.count("suppressed in part")
+    rest = f", in part at {part} (a motion out of reach grows)" if part else ""
+    OUT.print(f"suppressed at {good} of the {len(fluttering)} λ with a limit cycle{rest}", highlight=False)
+
+
+def _limit(value: float | None, beyond: bool) -> str:
+    """A limit in λ."""
+    if value is None:
+        return "–"
+    return f"{value:.1f}{' and beyond' if beyond else ''}" if value else "none"
 
 
 def _number(value: float | None, form: str, missing: str) -> str:

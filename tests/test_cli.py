@@ -10,11 +10,11 @@ import sys
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from terminal import answer, complaint
 
 import solver.check
 from flutterviz.cli import COMMANDS, run
@@ -23,31 +23,6 @@ from solver.check import Case
 
 SIX = ["20", "21", "26", "27", "32", "33"]  # i = 3..5, j = 2..3
 QUICK = ["--reduction.modes", "12", "--run.duration", "0.45"]  # a run's length matters to nothing that is asked here
-
-
-def answer(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
-    """The JSON object that a command prints, alone on stdout."""
-    code = run([*words, "--json"])
-    out, err = capsys.readouterr()
-    assert code == 0, err
-    assert out.count("\n") == 1
-    value = json.loads(out)
-    assert isinstance(value, dict)
-    return value
-
-
-def complaint(capsys: pytest.CaptureFixture[str], *words: str, begun: bool = False) -> str:
-    """The one line on stderr with which a command refuses what it was given; after its progress, if it has begun."""
-    code = run(list(words))
-    out, err = capsys.readouterr()
-    assert code == 2, err
-    assert out == ""
-    assert "Traceback" not in err
-    assert err.endswith("\n")
-    progress, _, line = err[:-1].rpartition("\n")
-    assert begun or progress == ""
-    assert line.startswith("flutterviz: ")
-    return line
 
 
 # --- flutter ----------------------------------------------------------------------------------------------------------
