@@ -7,21 +7,25 @@ import time
 import traceback
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime
+from html import escape
 from pathlib import Path
 
 import numpy as np
 import viser
 
-from flutterviz import colormap
+from flutterviz import colormap, heatmap
 from flutterviz import commands as do
+from flutterviz.background import Background
 from flutterviz.clock import FRAME, Clock, nearest_rate, next_rate
 from flutterviz.controls import Controls, Wish
+from flutterviz.locusplot import LocusPlot
 from flutterviz.plots import Plots
 from flutterviz.recording import Recording
 from flutterviz.rig import Rig, rig_of
 from flutterviz.scene import Ray, Scene, picked_element
-from flutterviz.session import Rows, Session
+from flutterviz.session import Rows, Session, dragged
 from solver import Design, Mesh, design_to_json
+from solver.authority import CRITERIA
 
 PLOT_EVERY = 3  # frames: ten times a second
 SURFACE_EVERY = 2  # frames: a recorded surface is a hundred times as large as the row of numbers beside it
@@ -46,6 +50,7 @@ class Explorer:
         self._inbox: queue.SimpleQueue[do.Command | Wish | Ray] = queue.SimpleQueue()
         self._builder = ThreadPoolExecutor(1, thread_name_prefix="rebuild")
         self._building: Future[Rig] | None = None
+        self._background = Background()
         self._frame = 0
         self._shown_design = session.design
         self._recording: Recording | None = None
@@ -54,7 +59,13 @@ class Explorer:
         self._theme(dark=False)
         server.gui.set_panel_label("flutterviz")
         self.scene = Scene(server, session.rig, session.design.patches.elements)
-        self.plots = Plots(server, session.design.control.voltage_limit)
+        panel = server.gui.add_panel()
+        with panel.add_tab("Live plots", viser.Icon.CHART_LINE):
+            self.plots = Plots(server, session.design.control.voltage_limit)
+        with panel.add_tab("Root locus", viser.Icon.CHART_DOTS):
+            self.locus = LocusPlot(server)
+        panel.dock_left()
+        panel.set_width(270)
         self.controls = Controls(server, session, self.clock, self.scene.legend(session.rig.thickness), self._inbox.put)
         server.scene.on_click()(self._clicked)
         if record is not None:
@@ -84,6 +95,7 @@ class Explorer:
         """One turn of the loop: commands, rebuild, motion, picture, recording."""
         self._drain()
         self._rebuild()
+        self._background.follow(self.session.rig)
         watched = bool(self.server.get_clients()) or self._recording is not None
         if not watched:
             self.clock.due(time.perf_counter())  # nobody looks: time stands still, and is not made up for
@@ -98,8 +110,9 @@ class Explorer:
         self._record(rows)
 
     def close(self) -> None:
-        """End the recording and the builder's thread."""
+        """End the recording and the threads beside the loop."""
         self._builder.shutdown(wait=True, cancel_futures=True)
+        self._background.close()
         self._stop_recording()
 
     def _drain(self) -> None:
@@ -120,9 +133,9 @@ class Explorer:
                     continue
                 wanted = do.TogglePatch(element)
             self.session.apply(wanted)
-            if self.session.design != self._shown_design:
+            if self.session.design != self._shown_design or isinstance(wanted, do.SetControl):
                 self._shown_design = self.session.design
-                self.controls.follow(self.session, dragged=isinstance(wanted, do.SetFlow))
+                self.controls.follow(self.session, dragged=dragged(wanted))
 
     def _grant(self, wish: Wish) -> None:
         """Do what concerns the page and not the panel."""
@@ -134,12 +147,12 @@ class Explorer:
                 self._theme(dark=bool(on))
             case ("exaggeration", steps):
                 self.scene.step_exaggeration(int(steps))
-                self._show_legend()
             case "fit colours":
                 recent = self.session.history.since(self.session.time - 2 * self.session.period)
                 if len(recent):
                     self.scene.limit = _round_up(float(recent.largest.max()))
-                    self._show_legend()
+            case ("map", place):
+                self._background.ask(CRITERIA[int(place) - 1] if place else None)
             case "aim":
                 for client in self.server.get_clients().values():
                     self.scene.aim(client)
@@ -153,7 +166,6 @@ class Explorer:
             try:
                 session.adopt(self._building.result())
                 self.plots.forget_modes()
-                self._show_legend()
             except (ValueError, ArithmeticError, MemoryError) as error:  # DesignError, LinAlgError and their like
                 session.refuse(f"the change was taken back: {' '.join(str(error).split())}")
                 self._shown_design = session.design
@@ -169,16 +181,33 @@ class Explorer:
         wanted = session.design if session.design.mesh == rig.design.mesh else rig.design
         with self.server.atomic():
             self.scene.rebuild(rig.grid, wanted.patches.elements)
+            self.scene.paint(self._background.map)
             self.scene.show(w, rig.thickness)
             if self._frame % PLOT_EVERY == 0:
                 span = max(PLOT_CYCLES * session.period, min(PLOT_SECONDS * self.clock.rate, 0.5))
                 self.plots.show(session.history, span, rig.design.control.voltage_limit)
             if self._frame % TEXT_EVERY == 0:
                 self.scene.keep_framed(self.server.get_clients())
-                self.controls.refresh(session, self.clock, len(self.server.get_clients()), self._recording_facts())
+                self.locus.show(rig, self._background.outlook)
+                self._show_legend()
+                self.controls.refresh(
+                    session,
+                    self.clock,
+                    len(self.server.get_clients()),
+                    self._recording_facts(),
+                    self._background.outlook,
+                )
 
     def _show_legend(self) -> None:
-        self.controls.show_legend(self.scene.legend(self.session.rig.thickness))
+        """The legend of what the colours mean now."""
+        back, scale = self._background, self.scene.legend(self.session.rig.thickness)
+        if back.criterion is None:
+            self.controls.show_legend(scale)
+        elif back.map is not None:
+            self.controls.show_legend(heatmap.legend(back.map))
+        else:
+            said = f"no map: {back.trouble}" if back.trouble else "computing the map …"
+            self.controls.show_legend(scale + f'<div style="text-align:center;font-size:.8em">{escape(said)}</div>')
 
     def _theme(self, dark: bool) -> None:
         self.server.gui.configure_theme(

@@ -1,4 +1,4 @@
-"""The one displacement colour scale: its table, its colours as a browser must be sent them, and its legend."""
+"""The colour scales of displacements and of element maps: tables, colours as a browser must be sent them, legends."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -11,24 +11,35 @@ from numpy.typing import ArrayLike, NDArray
 # The page draws with three.js, which passes every colour, unlit ones too, through a filmic tone map (ACES, exposure 1)
 # before it becomes sRGB. A colour that should arrive unchanged is sent through the inverse of that map, which has a
 # closed form: nothing is fitted here. Colours that the map cannot produce are moved to ones that it can *in the table
-# itself*, so that plate, legend and recordings always show the same colour for the same displacement.
+# itself*, so that plate, legend and recordings always show the same colour for the same number.
 
 Rgb = tuple[int, int, int]
 
 # Blue (down) to red (up) at equal steps of the displacement. Laid out in OKLCh: lightness falls alike on both arms,
 # from 0.865 at rest to 0.44 at the ends, while chroma rises and hue turns slowly. Rest is a grey that stands out from a
 # white page and from a dark one; the red arm stays clear of orange, which belongs to the patches.
-_CONTROL_POINTS: Final = (
+_DIVERGING: Final = (
     "1e4ca6 2860b8 3674c7 4987d2 609ada 7aacde 96bcdf b3c9dc d2d2d2 "
     "dfbdb5 e3a699 e18e7e db7566 d05b50 c3423d b2262c 9e001d"
 )
+# Pale grey-green (little) to deep teal (much), a scale of its own beside the blue, grey and red one. Laid out in OKLCh
+# too: lightness falls evenly from 0.90, which stands out from a white page, to 0.47, which stands out from the lines of
+# the grid and from a dark page. Hue stays green for long and turns to teal only where the scale is already darker than
+# the grey of "no number": to eyes that confuse red with green, teal of that grey's lightness would be that grey.
+_SEQUENTIAL: Final = "d1e2d3 b5d7ba 9cc9a2 86ba8b 71aa77 5b9b67 3e8b63 187b67 08686b"
 _ENTRIES: Final = 256
-_MISSING: Final = (128, 128, 128)  # darker than rest, so that "no number" never looks like "no displacement"
+# Darker than rest and than the pale end, so that "no number" never looks like "no displacement" or "little".
+_MISSING: Final = (128, 128, 128)
 
 # three.js, tonemapping_pars_fragment: sRGB to the tone map's space, and back. Rows act on (r, g, b).
 _ACES_IN: Final = ((0.59719, 0.35458, 0.04823), (0.07600, 0.90834, 0.01566), (0.02840, 0.13383, 0.83777))
 _ACES_OUT: Final = ((1.60475, -0.53108, -0.07367), (-0.10208, 1.10813, -0.00605), (-0.00327, -0.07276, 1.07602))
 _ACES_EXPOSURE: Final = 1.0 / 0.6  # three.js brightens by this at toneMappingExposure = 1
+
+_STOPS: Final = 33  # colours of a legend's bar; a browser blends between them
+_ALONG: Final = np.linspace(0.0, 1.0, _STOPS)
+_ALONG_DIVERGING: Final = 2.0 * _ALONG - 1.0
+_OUTLINE: Final = ' stroke="currentColor" stroke-opacity="0.5"'
 
 
 def display_rgb(values: ArrayLike) -> NDArray[np.uint8]:
@@ -40,7 +51,7 @@ def display_rgb(values: ArrayLike) -> NDArray[np.uint8]:
     Returns:
         (N, 3) sRGB [0..255].
     """
-    return _tables()[0][_rows(values)]
+    return _tables(_DIVERGING)[0][_rows(_shares(values))]
 
 
 def gltf_rgba(values: ArrayLike) -> NDArray[np.uint16]:
@@ -52,7 +63,31 @@ def gltf_rgba(values: ArrayLike) -> NDArray[np.uint16]:
     Returns:
         (N, 4) linear red, green, blue and an opaque alpha, normalised [0..65535], as glTF's COLOR_0 takes them.
     """
-    return _tables()[1][_rows(values)]
+    return _tables(_DIVERGING)[1][_rows(_shares(values))]
+
+
+def sequential_rgb(values: ArrayLike) -> NDArray[np.uint8]:
+    """Colours of a map as they should be seen, light for little and dark for much.
+
+    Args:
+        values: (N,) share of the map's range [-], clipped to 0..1; NaN gives a grey of its own.
+
+    Returns:
+        (N, 3) sRGB [0..255].
+    """
+    return _tables(_SEQUENTIAL)[0][_rows(values)]
+
+
+def sequential_rgba(values: ArrayLike) -> NDArray[np.uint16]:
+    """Vertex colours that the viewer's tone map turns into `sequential_rgb(values)`, to within 2 of 255.
+
+    Args:
+        values: (N,) share of the map's range [-], clipped to 0..1; NaN as in `sequential_rgb`.
+
+    Returns:
+        (N, 4) linear red, green, blue and an opaque alpha, normalised [0..65535], as glTF's COLOR_0 takes them.
+    """
+    return _tables(_SEQUENTIAL)[1][_rows(values)]
 
 
 def single(rgb: Rgb) -> NDArray[np.uint16]:
@@ -110,15 +145,74 @@ def legend_svg(limit: float, unit: str = "", *, title: str = "w / h", vertical: 
         labels = [_text(margin + length / 2, 13, name, "middle", bold=True)]
         labels += [_text(margin + at * length, 48, tick, "middle") for at, tick in ((0, low), (0.5, "0"), (1, high))]
         ticks = [f"M{margin + at * length:g} {20 + thick}v4" for at in (0, 0.5, 1)]
-    identity = f"flutterviz-scale-{'v' if vertical else 'h'}"  # gradients are global to a page
+    parts = _bar(f"flutterviz-scale-{'v' if vertical else 'h'}", direction, bar, ticks, display_rgb(_ALONG_DIVERGING))
+    return _svg(size, f"{name}: {low} to {high}", parts + _words(labels))
+
+
+def map_legend_svg(
+    low: str, high: str, *, title: str, diverging: bool = False, length: int = 240, missing: str = ""
+) -> str:
+    """A compact legend of an element map: a lying bar, its title over it and the words for its ends below it.
+
+    Args:
+        low: what the left end stands for, with its unit if it has one.
+        high: what the right end stands for.
+        title: what is shown.
+        diverging: the blue, grey and red scale with 0 in its middle, instead of the sequential one.
+        length: length of the colour bar [px]; each end's words may fill a little less than half of it.
+        missing: words for elements without a number, shown beside a swatch of their colour; empty for none.
+
+    Returns:
+        One `<svg>` element, to be placed in a page or saved as a file.
+    """
+    name, start, end, absent = escape(title), escape(low), escape(high), escape(missing)
+    thick, margin = 12, 26  # as in `legend_svg`, so that one can take the other's place
+    # Words of any length start or end with the bar, where centred ones would leave the picture.
+    labels = [_text(margin + length / 2, 13, name, "middle", bold=True), _text(margin, 48, start, "start")]
+    labels.append(_text(margin + length, 48, end, "end"))
+    if diverging:
+        labels.append(_text(margin + length / 2, 48, "0", "middle"))
+    ticks = [f"M{margin + at * length:g} {20 + thick}v4" for at in ((0, 0.5, 1) if diverging else (0, 1))]
+    colours = display_rgb(_ALONG_DIVERGING) if diverging else sequential_rgb(_ALONG)
+    identity = f"flutterviz-map-{'diverging' if diverging else 'sequential'}"
+    parts = _bar(identity, 'x1="0" y1="0" x2="1" y2="0"', (margin, 20, length, thick), ticks, colours)
+    if missing:
+        grey = sequential_rgb([np.nan])[0].tolist()  # the same in both tables
+        parts += f'<rect x="{margin}" y="58" width="{thick}" height="{thick}" rx="2" fill="{_code(grey)}"{_OUTLINE}/>'
+        labels.append(_text(margin + thick + 6, 68, absent, "start"))
+    return _svg((length + 2 * margin, 76 if missing else 52), f"{name}: {start} to {end}", parts + _words(labels))
+
+
+def _svg(size: tuple[int, int], label: str, content: str) -> str:
+    width, height = size
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{name}: {low} to {high}"'
-        f' width="{size[0]}" height="{size[1]}" viewBox="0 0 {size[0]} {size[1]}" style="max-width:100%">'
-        f'<defs><linearGradient id="{identity}" {direction}>{_gradient_stops()}</linearGradient></defs>'
-        f'<rect x="{bar[0]}" y="{bar[1]}" width="{bar[2]}" height="{bar[3]}" rx="2" fill="url(#{identity})"'
-        f' stroke="currentColor" stroke-opacity="0.5"/><path d="{"".join(ticks)}" stroke="currentColor" fill="none"/>'
-        f'<g fill="currentColor" font-family="system-ui, sans-serif" font-size="12">{"".join(labels)}</g></svg>'
+        f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{label}"'
+        f' width="{width}" height="{height}" viewBox="0 0 {width} {height}" style="max-width:100%">{content}</svg>'
     )
+
+
+def _bar(
+    identity: str, direction: str, box: tuple[int, int, int, int], ticks: Sequence[str], colours: NDArray[np.uint8]
+) -> str:
+    """A colour bar with tick marks.
+
+    Args:
+        identity: the gradient's id. Ids are global to a page: two gradients that differ must not share one.
+        direction: where the gradient runs, as attributes of a `<linearGradient>`.
+        box: x, y, width and height [px].
+        ticks: SVG paths of the tick marks.
+        colours: (`_STOPS`, 3) sRGB at equal steps from the bar's low end to its high one [0..255].
+    """
+    x, y, width, height = box
+    return (
+        f'<defs><linearGradient id="{identity}" {direction}>{_gradient_stops(colours)}</linearGradient></defs>'
+        f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="2" fill="url(#{identity})"{_OUTLINE}/>'
+        f'<path d="{"".join(ticks)}" stroke="currentColor" fill="none"/>'
+    )
+
+
+def _words(labels: Sequence[str]) -> str:
+    return f'<g fill="currentColor" font-family="system-ui, sans-serif" font-size="12">{"".join(labels)}</g>'
 
 
 def _text(x: float, y: float, text: str, anchor: str, *, bold: bool = False) -> str:
@@ -126,26 +220,33 @@ def _text(x: float, y: float, text: str, anchor: str, *, bold: bool = False) -> 
     return f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}"{weight}>{text}</text>'
 
 
-def _gradient_stops(count: int = 33) -> str:
-    fractions = np.linspace(0.0, 1.0, count)
-    colours: Sequence[Rgb] = display_rgb(2.0 * fractions - 1.0).tolist()
+def _gradient_stops(colours: NDArray[np.uint8]) -> str:
     return "".join(
-        f'<stop offset="{at:.5g}" stop-color="#{r:02x}{g:02x}{b:02x}"/>'
-        for at, (r, g, b) in zip(fractions, colours, strict=True)
+        f'<stop offset="{at:.5g}" stop-color="{_code(rgb)}"/>' for at, rgb in zip(_ALONG, colours.tolist(), strict=True)
     )
 
 
-def _rows(values: ArrayLike) -> NDArray[np.intp]:
-    """Rows of the tables for values in -1..1; the last row, past the scale, stands for NaN."""
-    scaled = (np.asarray(values, dtype=float) + 1.0) * (0.5 * (_ENTRIES - 1))
+def _code(rgb: Sequence[int]) -> str:
+    """A colour as SVG takes it, "#rrggbb"."""
+    return f"#{bytes(rgb).hex()}"
+
+
+def _shares(values: ArrayLike) -> NDArray[np.float64]:
+    """Values in -1..1 as shares of that range, 0..1."""
+    return (np.asarray(values, dtype=float) + 1.0) * 0.5
+
+
+def _rows(shares: ArrayLike) -> NDArray[np.intp]:
+    """Rows of a table for shares of its range, 0..1; the last row, past the scale, stands for NaN."""
+    scaled = np.asarray(shares, dtype=float) * (_ENTRIES - 1)
     scaled = np.where(np.isnan(scaled), float(_ENTRIES), np.clip(np.rint(scaled), 0, _ENTRIES - 1))
     return scaled.astype(np.intp)
 
 
 @cache
-def _tables() -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+def _tables(control_points: str) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
     """(257, 3) colours seen and (257, 4) colours sent, the last row for NaN."""
-    points = np.array([list(bytes.fromhex(code)) for code in _CONTROL_POINTS.split()], dtype=float)
+    points = np.array([list(bytes.fromhex(code)) for code in control_points.split()], dtype=float)
     at = np.linspace(0.0, len(points) - 1.0, _ENTRIES)
     wanted = np.stack([np.interp(at, np.arange(len(points)), channel) for channel in points.T], axis=1)
     sent = _encode(np.vstack([wanted, _MISSING]))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from solver import Design
+from solver.parts import Channels
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,38 @@ class SetFlow:
 
     dynamic_pressure: float
     """λ [-]."""
+
+
+ControlField = Literal[
+    "kind",
+    "weighting",
+    "state_weight",
+    "effort_weight",
+    "voltage_limit",
+    "observer_weight",
+    "rate_gain",
+    "delay",
+    "sensor_noise",
+]
+"""Fields of the controller that the page offers."""
+
+
+@dataclass(frozen=True)
+class SetControl:
+    """Set a field of the controller."""
+
+    field: ControlField
+    """Which, as in a design's `control`."""
+    value: float | str
+    """To what [its own unit]."""
+
+
+@dataclass(frozen=True)
+class SetChannels:
+    """Wire the patches anew."""
+
+    channels: Channels
+    """Each edge-connected group, each element alone, or all on one voltage."""
 
 
 @dataclass(frozen=True)
@@ -86,5 +120,19 @@ class Pluck:
     """Velocity given at the point [m/s]."""
 
 
-Command = TogglePatch | ClearPatches | SetFlow | LoadDesign | Undo | Redo | Engage | Pause | Step | Reset | Pluck
+Command = (
+    TogglePatch
+    | ClearPatches
+    | SetFlow
+    | SetControl
+    | SetChannels
+    | LoadDesign
+    | Undo
+    | Redo
+    | Engage
+    | Pause
+    | Step
+    | Reset
+    | Pluck
+)
 """Everything that a session carries out."""

@@ -10,6 +10,8 @@ import viser
 
 from flutterviz import commands as do
 from flutterviz.clock import Clock, rate_name
+from flutterviz.controltab import ControlTab, held
+from flutterviz.outlook import Outlook
 from flutterviz.session import Session
 from flutterviz.status import Status, status_of
 from solver import Stream, load_design, preset_names
@@ -17,8 +19,9 @@ from solver import Stream, load_design, preset_names
 if TYPE_CHECKING:
     from viser._messages import HotkeyKey  # viser names its keys nowhere else
 
-Wish = Literal["record", "fit colours", "aim"] | tuple[Literal["rate", "exaggeration", "dark"], float]
-"""What a user asks of the page rather than of the panel; rate and exaggeration by steps on their ladders."""
+Wish = Literal["record", "fit colours", "aim"] | tuple[Literal["rate", "exaggeration", "dark", "map"], float]
+"""What a user asks of the page rather than of the panel; rate and exaggeration by steps on their ladders,
+a map by its place among the criteria from 1 on, 0 being the displacement."""
 
 PRESSURE_END = 2000.0  # of the λ slider; a design beyond it draws it further, for good
 PLUCK = (0.35, 0.37, 0.8)  # where the pluck button pushes (x/a, y/b), off every line of symmetry, and how hard [m/s]
@@ -49,28 +52,33 @@ class Controls:
         self._status = gui.add_html("")
         self._engage = gui.add_button("Engage controller (C)", icon=viser.Icon.PLAYER_PLAY, hint=ENGAGE_HINT)
         self._pluck = gui.add_button("Pluck the panel (K)", color="gray", hint="Push it off its lines of symmetry")
-        self._motion = gui.add_button_group("Motion", MOTIONS, hint="Keys: space, N, R")
-        self._pressure = gui.add_slider(
-            "λ",
-            min=0.0,
-            max=max(PRESSURE_END, session.rig.plant.stream.dynamic_pressure),
-            step=5.0,
-            initial_value=session.rig.plant.stream.dynamic_pressure,
-            hint="Nondimensional dynamic pressure λ = 2qa³/(βD) of the stream",
-        )
-        # Button groups, not dropdowns: a dropdown keeps the focus, and keys then type into it instead of acting.
-        self._rate = gui.add_button_group("Time", RATES, hint="Slow motion; auto: about 1.5 s a cycle")
         self._legend = gui.add_html(legend)
-        with gui.add_folder("Patches"):
-            self._preset = gui.add_button_group("Preset", preset_names(), hint="Load a design")
-            self._edit = gui.add_button_group("Change", EDITS, hint="Keys U and Y undo and redo")
-            self._facts = gui.add_html("")
-        with gui.add_folder("View and recording", expand_by_default=False):
-            self._height = gui.add_button_group("Height", HEIGHTS, hint="Exaggeration of the displacement w")
-            self._view = gui.add_button_group("View", VIEWS, hint="Colour scale to the motion; camera to the panel")
-            self._dark = gui.add_checkbox("Dark", False, hint="Dark or light page")
-            self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, hint="Write a recording (.rrd)")
-            self._recording = gui.add_html("")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Panel", viser.Icon.WAVE_SINE):
+            self._motion = gui.add_button_group("Motion", MOTIONS, hint="Keys: space, N, R")
+            self._pressure = gui.add_slider(
+                "λ",
+                min=0.0,
+                max=max(PRESSURE_END, session.rig.plant.stream.dynamic_pressure),
+                step=5.0,
+                initial_value=session.rig.plant.stream.dynamic_pressure,
+                hint="Nondimensional dynamic pressure λ = 2qa³/(βD) of the stream",
+            )
+            # Button groups, not dropdowns: a dropdown keeps the focus, and keys then type into it instead of acting.
+            self._rate = gui.add_button_group("Time", RATES, hint="Slow motion; auto: about 1.5 s a cycle")
+            with gui.add_folder("Patches"):
+                self._preset = gui.add_button_group("Preset", preset_names(), hint="Load a design")
+                self._edit = gui.add_button_group("Change", EDITS, hint="Keys U and Y undo and redo")
+                self._map = gui.add_button_group("Colours", tuple(MAPS), hint=MAP_HINT)
+                self._facts = gui.add_html("")
+            with gui.add_folder("View and recording", expand_by_default=False):
+                self._height = gui.add_button_group("Height", HEIGHTS, hint="Exaggeration of the displacement w")
+                self._view = gui.add_button_group("View", VIEWS, hint="Colour scale to the motion; camera to the panel")
+                self._dark = gui.add_checkbox("Dark", False, hint="Dark or light page")
+                self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, hint="Write a recording (.rrd)")
+                self._recording = gui.add_html("")
+        with tabs.add_tab("Control", viser.Icon.ADJUSTMENTS):
+            self._control = ControlTab(gui, session, send)
         self._connect(gui)
         self.follow(session)
 
@@ -111,6 +119,10 @@ class Controls:
         async def _(_: object) -> None:
             send({"Undo": do.Undo(), "Redo": do.Redo(), "Clear": do.ClearPatches()}[self._edit.value])
 
+        @self._map.on_click
+        async def _(_: object) -> None:
+            send(("map", MAPS[self._map.value]))
+
         @self._view.on_click
         async def _(_: object) -> None:
             send(VIEW_WISHES[self._view.value])
@@ -143,10 +155,13 @@ class Controls:
         async def _(_: object) -> None:
             self._send(action)
 
-    def refresh(self, session: Session, clock: Clock, pages: int, recording: str | None) -> None:
+    def refresh(
+        self, session: Session, clock: Clock, pages: int, recording: str | None, outlook: Outlook | None
+    ) -> None:
         """Show the state; a widget is written only where it differs, so that a dragged slider is left alone."""
         status = status_of(session)
-        _write(self._status, _status_card(status, session, clock, pages))
+        _write(self._status, _status_card(status, session, clock, pages, outlook))
+        self._control.refresh(session, outlook)
         _write(self._facts, _patch_facts(session, self._name))
         engaged = session.engaged
         label = "Release controller (C)" if engaged else "Engage controller (C)"
@@ -161,14 +176,16 @@ class Controls:
             self._record.label = "Stop recording"
             _write(self._recording, f'<div style="{SMALL}">● recording to {escape(recording)}</div>')
 
-    def follow(self, session: Session, dragged: bool = False) -> None:
+    def follow(self, session: Session, dragged: str = "") -> None:
         """Take over a changed design, as after undo or a preset.
 
-        A slider that is being dragged is ahead of the design, and is left alone: written, it would jump back.
+        A slider that is being dragged, λ's or that of a field of the controller, is ahead of the design, and is left
+        alone: written, it would jump back.
         """
         pressure = Stream.of(session.design).dynamic_pressure
         self._name = next((name for name in preset_names() if load_design(name) == session.design), "as edited")
-        if not dragged and self._pressure.value != pressure:
+        self._control.follow(session.design, dragged)
+        if dragged != "λ" and self._pressure.value != pressure:
             self._pressure.max = max(self._pressure.max, pressure)
             self._pressure.value = pressure
 
@@ -177,12 +194,17 @@ class Controls:
         _write(self._legend, legend)
 
 
-ENGAGE_HINT = "Switch the LQR controller on or off: it drives the patches, up to their voltage limit"
+ENGAGE_HINT = "Switch the controller on or off: it drives the patches, up to their voltage limit"
 MOTIONS = ("Pause", "Step", "Reset")
 RATE_STEPS = {"Slower": -1.0, "Auto": 0.0, "Faster": 1.0}
 RATES = tuple(RATE_STEPS)
 HEIGHT_STEPS = {"Lower": -1.0, "Higher": 1.0}
 HEIGHTS = tuple(HEIGHT_STEPS)
+MAPS = {"w": 0.0, "NFCG": 1.0, "NKFEG": 2.0, "Force": 3.0, "H2": 4.0, "Growth": 5.0}
+MAP_HINT = (
+    "What colours the panel: displacement; gain norm of actuators (NFCG) or sensors (NKFEG); force on the growing "
+    "motion; H2 cost of one element alone; growth rate by one more patch, uncontrolled"
+)
 EDITS = ("Undo", "Redo", "Clear")
 VIEWS = ("Fit colours", "Show all")
 VIEW_WISHES: dict[str, Wish] = {"Fit colours": "fit colours", "Show all": "aim"}
@@ -207,7 +229,7 @@ def _write(handle: viser.GuiHtmlHandle, content: str) -> None:
         handle.content = content
 
 
-def _status_card(status: Status, session: Session, clock: Clock, pages: int) -> str:
+def _status_card(status: Status, session: Session, clock: Clock, pages: int, outlook: Outlook | None) -> str:
     """The status line as a card: word, sentence, numbers. All text of ours is escaped: the page runs scripts in it."""
     colour = TONES[status.tone]
     ratio = f"{status.pressure_ratio:.3f}" if status.pressure_ratio is not None else "no flutter"
@@ -222,8 +244,10 @@ def _status_card(status: Status, session: Session, clock: Clock, pages: int) -> 
         tags.append("rebuilding")
     tags.append("1 page" if pages == 1 else f"{pages} pages")
     damping = f"{session.damping_time:.4f} s" if session.damping_time is not None else "–"
+    driven = bool(session.rig.plant.channels) and session.rig.design.control.kind != "off"
     rows = (
         ("λ / λ_cr", ratio),
+        ("stabilises up to", "–" if not driven else held(outlook.hold) if outlook else "…"),
         ("growth rate", f"{status.growth:+.1f} /s"),
         ("damping time", damping),
         ("largest |w| / h", f"{session.amplitude:.4f}"),
@@ -250,7 +274,7 @@ def _patch_facts(session: Session, name: str) -> str:
     critical = f"{plant.critical[0]:.1f}" if plant.critical else "none"
     groups = len(plant.channels)
     text = f"{name}: {count} patched, {groups} channel{'' if groups == 1 else 's'} · λ_cr {critical}"
-    closed = session.rig.loop.regulator.growth.real
+    closed = session.rig.loop.growth.real
     if groups and session.rig.refusal is None:
         text += f" · controlled growth {closed:+.1f} /s"
     return f'<div style="{SMALL}">{escape(text)}</div>'

@@ -17,50 +17,46 @@ HEIGHT = 156
 
 
 class Plots:
-    """Three plots in a panel of their own, docked left so that the plate stays free."""
+    """Three plots in a tab of a docked panel."""
 
     def __init__(self, server: viser.ViserServer, limit: float) -> None:
-        """Add the panel; limit is the drive's largest voltage [V]."""
+        """Add the plots where the caller has opened a tab; limit is the drive's largest voltage [V]."""
         self._limit = limit
         self._shown: tuple[int, ...] = ()
-        self._panel = server.gui.add_panel()
         nothing = np.array([0.0, 1e-3])
         blank = np.full(2, np.nan)
-        with self._panel.add_tab("Live plots", viser.Icon.CHART_LINE):
-            self._probe = server.gui.add_uplot(
-                (nothing, blank),
-                (uplot.Series(label="t"), _line("w/h", COLOURS[0])),
-                title="w / h at 0.75 a, over time [ms]",
-                scales=_scales(),
-                axes=_axes(),
-                legend=uplot.Legend(show=False),
-                height=HEIGHT,
-            )
-            self._modes = server.gui.add_uplot(
-                (nothing, *[blank] * MODES_SHOWN),
-                (uplot.Series(label="t"), *(_line(f"mode {k + 1}", COLOURS[k]) for k in range(MODES_SHOWN))),
-                title="modal amplitudes / h, largest five",
-                scales=_scales(),
-                axes=_axes(),
-                legend=uplot.Legend(show=True, live=False),
-                height=HEIGHT + 10,
-            )
-            self._volts = server.gui.add_uplot(
-                (nothing, *[blank] * (CHANNELS_KEPT + 2)),
-                (
-                    uplot.Series(label="t"),
-                    *(_line(f"channel {k + 1}", COLOURS[k]) for k in range(CHANNELS_KEPT)),
-                    _line("limit", LIMIT_COLOUR, 1.0),
-                    _line("limit", LIMIT_COLOUR, 1.0),
-                ),
-                title=self._volts_title(limit),
-                scales=_scales((-1.15 * limit, 1.15 * limit)),
-                axes=_axes(),
-                legend=uplot.Legend(show=False),
-                height=HEIGHT,
-            )
-        self._panel.dock_left()
-        self._panel.set_width(270)
+        self._probe = server.gui.add_uplot(
+            (nothing, blank),
+            (uplot.Series(label="t"), _line("w/h", COLOURS[0])),
+            title="w / h at 0.75 a, over time [ms]",
+            scales=_scales(),
+            axes=axes(),
+            legend=uplot.Legend(show=False),
+            height=HEIGHT,
+        )
+        self._modes = server.gui.add_uplot(
+            (nothing, *[blank] * MODES_SHOWN),
+            (uplot.Series(label="t"), *(_line(f"mode {k + 1}", COLOURS[k]) for k in range(MODES_SHOWN))),
+            title="modal amplitudes / h, largest five",
+            scales=_scales(),
+            axes=axes(),
+            legend=uplot.Legend(show=True, live=False),
+            height=HEIGHT + 10,
+        )
+        self._volts = server.gui.add_uplot(
+            (nothing, *[blank] * (CHANNELS_KEPT + 2)),
+            (
+                uplot.Series(label="t"),
+                *(_line(f"channel {k + 1}", COLOURS[k]) for k in range(CHANNELS_KEPT)),
+                _line("limit", LIMIT_COLOUR, 1.0),
+                _line("limit", LIMIT_COLOUR, 1.0),
+            ),
+            title=self._volts_title(limit),
+            scales=_scales((-1.15 * limit, 1.15 * limit)),
+            axes=axes(),
+            legend=uplot.Legend(show=False),
+            height=HEIGHT,
+        )
 
     @staticmethod
     def _volts_title(limit: float) -> str:
@@ -121,7 +117,8 @@ def _scales(y: tuple[float, float] = (-1.0, 1.0), x: tuple[float, float] = (0.0,
     }
 
 
-def _axes() -> tuple[uplot.Axis, ...]:
+def axes() -> tuple[uplot.Axis, ...]:
+    """Axes in a muted colour that reads on light and dark."""
     muted, faint = "#8a93a3", "#8a93a340"
     grid, ticks = uplot.Axis_Grid(stroke=faint, width=1), uplot.Axis_Ticks(stroke=faint, width=1)
     return (

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from flutterviz.surface import DisplayGrid
-from solver import ControlError, Design, Loop, Plant, Regulator
+from solver import ControlError, Design, Law, Loop, Plant
+from solver.holding import shortfall
 from solver.simulate import SAMPLES_A_PERIOD, first_mode_at_rest
 from solver.trace import probe_shapes
 
@@ -37,7 +39,9 @@ class Rig:
     bare_critical: float | None
     """λ_cr of the panel without patches [-], to tell a passive layout from a flow in which nothing flutters."""
     refusal: str | None
-    """Why there is no regulator for these patches, if there is none."""
+    """Why there is no controller for these patches, if there is none."""
+    shortfall: str
+    """Why the controller does not make the flat panel stable, or why there is none; empty where it does."""
 
     @property
     def plant(self) -> Plant:
@@ -64,29 +68,31 @@ def rig_of(design: Design, last: Rig | None = None) -> Rig:
     plant = Plant.of(design, last.plant.model if last is not None and same else None)
     refusal = None
     try:
-        regulator = Regulator.of(plant)
+        loop = Loop.of(plant)
     except ControlError as error:
         refusal = str(error)
-        regulator = Regulator.idle(plant)
-    _ = plant.model.membrane, plant.critical  # computed here, where waiting does no harm
+        loop = Loop.of(plant, Law.idle(plant))
+    _ = plant.model.membrane, plant.critical, loop.poles  # computed here, where waiting does no harm
     grid = DisplayGrid(design.panel.length, design.panel.width, design.mesh.nx, design.mesh.ny)
     keep = last if same else None
     return Rig(
         design=design,
-        loop=Loop.of(plant, regulator),
+        loop=loop,
         grid=grid,
         surface=keep.surface if keep else plant.model.sampled(grid.per_x, grid.per_y).reshape(-1, plant.size),
         coarse=keep.coarse if keep else plant.model.coarse,
         probe=keep.probe if keep else probe_shapes(plant),
         bare_critical=_bare_critical(_bare(design)),
         refusal=refusal,
+        shortfall=refusal or (shortfall(loop) if loop.law.asks or not plant.channels else ""),
     )
 
 
 def _structure(design: Design) -> tuple[object, ...]:
     """What the modal model depends on: not the flow, unless its eigenvectors are the basis."""
     flow = design.flow if design.reduction.basis == "aeroelastic" else None
-    return design.panel, design.mesh, design.load, design.patches, design.reduction, flow
+    patches = msgspec.structs.replace(design.patches, channels="connected")  # wiring is no matter of modes
+    return design.panel, design.mesh, design.load, patches, design.reduction, flow
 
 
 def _bare(design: Design) -> Design:

@@ -10,9 +10,11 @@ import viser
 from numpy.typing import NDArray
 
 from flutterviz import colormap
+from flutterviz.heatmap import element_colours
 from flutterviz.rig import Rig
 from flutterviz.surface import DisplayGrid, SurfacePacker, anchor_glb
 from solver import Design, Mesh
+from solver.authority import AuthorityMap
 
 Floats = NDArray[np.floating]
 
@@ -42,6 +44,7 @@ class Scene:
         )
         self._grid = rig.grid
         self._packer = SurfacePacker(rig.grid, patched)
+        self._painted: AuthorityMap | None = None
         self.height = np.zeros(rig.grid.shape)
         rest = np.zeros(rig.grid.shape)
         self._panel = server.scene.add_glb(
@@ -126,6 +129,15 @@ class Scene:
         if (grid, patched) != (self._packer.grid, self._packer.patched):
             self._grid = grid
             self._packer = SurfacePacker(grid, patched)
+            self._painted = None
+
+    def paint(self, shown: AuthorityMap | None) -> None:
+        """Colour every element by a map, until another or none is given; then by the displacement."""
+        if shown is self._painted:
+            return
+        fits = shown is not None and len(shown.values) == self._packer.grid.nx * self._packer.grid.ny
+        self._packer.paint(element_colours(shown) if shown is not None and fits else None)
+        self._painted = shown
 
     def show(self, w_over_h: Floats, thickness: float) -> None:
         """Draw the panel: (nvx, nvy) displacement over h, and h [m]."""
@@ -145,7 +157,7 @@ class Scene:
         note = f"h = {1e3 * thickness:.3g} mm · ends at ±{1e3 * self.limit * thickness:.3g} mm"
         height = f"height × {self.exaggeration:g}"
         text = f'<div style="opacity:.75">{note} · {height}</div>'
-        return f'<div style="text-align:center;font-size:0.8em">{svg}{text}</div>'
+        return f'<div style="text-align:center;font-size:0.8em;padding-bottom:8px">{svg}{text}</div>'
 
 
 def pick(grid: DisplayGrid, height: Floats, origin: Floats, direction: Floats) -> tuple[float, float] | None:

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from flutterviz import commands as do
 from flutterviz.history import History
 from flutterviz.rig import Rig, in_flutter, rig_of
-from solver import Design, DesignError, Stream
+from solver import Control, Design, DesignError, Memory, Stream
 from solver.aerodynamics import design_at_pressure
 from solver.simulate import SAMPLES_A_PERIOD, first_mode_at_rest
 
 Floats = NDArray[np.floating]
 
-DRAG = 45  # pictures (a second and a half) within which the next change of λ is one more of the same drag
+DRAG = 45  # pictures (a second and a half) within which the next change of a slider is one more of the same drag
+LONG = 60  # flutter periods after which a controller at its limit counts as not suppressing the flutter
 JUDGED_PERIODS = 8  # of motion that a session begins with in its history
+CHANNEL_WORDS = {
+    "connected": "each connected set of patches on one voltage",
+    "element": "each element on a voltage of its own",
+    "single": "all patches on one voltage",
+}
 DIVERGED = 50.0  # largest |w|/h at which a run is stopped: far beyond what plate theory means anything for
 
 
@@ -74,7 +81,9 @@ class Session:
         self._future: list[Design] = []
         self._events: list[Event] = []
         self._steps = 0
-        self._since_flow = DRAG + 1  # calls of `advance` since λ was last set: few, while a slider is dragged
+        self.memory = Memory.blank(self.rig.loop.law)
+        self._drag = ""  # what is being dragged: λ, or a field of the controller
+        self._since_drag = 0  # calls of `advance` since it was last set: few, while a slider is dragged
         self.disturbed_by = "switching on"
         if self.rig.plant.flutters:  # a past to judge the motion by, before time zero
             lead = JUDGED_PERIODS * self.period
@@ -86,11 +95,11 @@ class Session:
 
     def apply(self, command: do.Command) -> None:
         """Carry out a command; one that makes no sense now is told as an event and changes nothing."""
-        if not isinstance(command, do.SetFlow):
-            self._since_flow = max(self._since_flow, DRAG - 1)  # whatever else is done ends a drag of λ
+        if self._drag and self._drag != dragged(command):
+            self._end_drag()
         try:
             self._carry_out(command)
-        except DesignError as error:
+        except (DesignError, msgspec.ValidationError) as error:
             self.note(str(error))
 
     def _carry_out(self, command: do.Command) -> None:
@@ -101,6 +110,12 @@ class Session:
                 self._change(self.design.with_elements(()), "all patches taken off")
             case do.SetFlow(value):
                 self._set_flow(value)
+            case do.SetControl(field, value):
+                self._set_control(field, value)
+            case do.SetChannels(channels):
+                patches = msgspec.structs.replace(self.design.patches, channels=channels)
+                changed = msgspec.structs.replace(self.design, patches=patches)
+                self._change(changed, f"channels: {CHANNEL_WORDS[channels]}")
             case do.LoadDesign(design, name):
                 self._change(design, f"{name} loaded")
             case do.Undo():
@@ -154,14 +169,34 @@ class Session:
 
     def _set_flow(self, pressure: float) -> None:
         """Change λ; the many changes of a slider that is dragged undo as one."""
-        design = design_at_pressure(self.design, pressure)
-        before = self._past[-1] if self._past else None
-        follows = before is not None and design_at_pressure(before, pressure) == design and not self._future
-        if follows and self._since_flow < DRAG - 1:
+        self._dragged_to(design_at_pressure(self.design, pressure), "λ")
+
+    def _set_control(self, field: do.ControlField, value: float | str) -> None:
+        """Change a field of the controller; weights by hand are left behind for those that Q is given by."""
+        changes: dict[str, object] = {field: value}
+        if field == "weighting":
+            changes["diagonal"] = ()
+        control = msgspec.convert(msgspec.to_builtins(self.design.control) | changes, Control)
+        design = self.design.with_control(control)
+        if isinstance(value, str):
+            self._change(design, f"control.{field}: {value}")
+        else:
+            self._dragged_to(design, field)
+
+    def _dragged_to(self, design: Design, what: str) -> None:
+        """Make a design the wanted one, as the next step of a drag if it is one; told when the drag has ended."""
+        if self._drag == what and self._past and not self._future:
             self.design = self._past.pop()
+        self._drag = ""
         if design != self.design:
-            self._since_flow = 0  # told when the drag has ended
+            self._drag, self._since_drag = what, 0
             self._change(design, None)
+
+    def _end_drag(self) -> None:
+        control, what = self.design.control, self._drag
+        value = Stream.of(self.design).dynamic_pressure if what == "λ" else getattr(control, what)
+        self._drag = ""
+        self.note(f"{what if what == 'λ' else f'control.{what}'} set to {value:g}")
 
     def _change(self, design: Design, text: str | None) -> None:
         """Make a new design the wanted one, and the present one what undo goes back to."""
@@ -193,6 +228,7 @@ class Session:
     def _reset(self) -> None:
         self.state = first_mode_at_rest(self.rig.plant, self.design.run.initial_amplitude * self.rig.thickness)
         self.volts = np.zeros_like(self.volts)
+        self.memory = Memory.blank(self.rig.loop.law)
         self.engaged = self.paused = False
         self.error = None
         self.damping_time = None
@@ -242,8 +278,10 @@ class Session:
             self.history = History(rig.plant.size)
         if self.engaged and rig.refusal:
             self.note(rig.refusal)
-        if rig.design.patches != old.design.patches or rig.design.flow != old.design.flow:
+        if rig.design != old.design:
             self._measure_anew("the change")
+        if old.plant.model is not rig.plant.model or not self.memory.fits(rig.loop.law):
+            self.memory = Memory.blank(rig.loop.law)
         self.volts = np.zeros(len(rig.plant.channels))
         self.rig = rig
 
@@ -267,9 +305,9 @@ class Session:
 
     def advance(self, seconds: float) -> Rows | None:
         """Move on by a stretch of simulated time; gives what it adds to the plots, or None if time stands still."""
-        self._since_flow += 1
-        if self._since_flow == DRAG:
-            self.note(f"λ set to {Stream.of(self.design).dynamic_pressure:g}")
+        self._since_drag += 1
+        if self._drag and self._since_drag >= DRAG:
+            self._end_drag()
         if self.paused:
             if not self._steps or self.error:
                 self._steps = 0
@@ -279,7 +317,7 @@ class Session:
             return None
         samples = max(1, round(seconds * SAMPLES_A_PERIOD / self.period))
         sample = seconds / samples
-        states, volts = self.rig.loop.stretch(self.state, sample, samples, self.engaged)
+        states, volts, memory = self.rig.loop.advance(self.state, self.memory, sample, samples, self.engaged)
         rig, h, n = self.rig, self.rig.thickness, self.rig.plant.size
         q = states[:, :n]
         largest = np.abs(q @ rig.coarse.T).max(axis=1) / h if len(q) else np.empty(0)
@@ -288,7 +326,7 @@ class Session:
             return None
         times = self.time + sample * np.arange(1, samples + 1)
         rows = Rows(times, q @ rig.probe / h, q * rig.plant.model.peak / h, volts)
-        self.state, self.time, self.volts = states[-1].copy(), float(times[-1]), volts[-1].copy()
+        self.state, self.time, self.volts, self.memory = states[-1].copy(), float(times[-1]), volts[-1].copy(), memory
         self.history.append(times, rows.probe, largest, volts, rows.modal)
         self._watch(times, largest)
         return rows
@@ -323,3 +361,19 @@ class Session:
         recent = self.history.since(self.time - self.period).largest
         now = np.abs(self.rig.coarse @ self.state[: self.rig.plant.size]).max() / self.rig.thickness
         return float(max(recent.max(initial=0.0), now))
+
+    @property
+    def outlasts(self) -> bool:
+        """Whether flutter has gone on for long although the controller is at work and makes small motions stable."""
+        return self.engaged and self.time - self.engaged_at > LONG * self.period and self.damping_time is None
+
+
+def dragged(command: do.Command) -> str:
+    """What a command that a slider sends is dragging: λ, or a field of the controller; empty for other commands."""
+    match command:
+        case do.SetFlow():
+            return "λ"
+        case do.SetControl(field):
+            return field
+        case _:
+            return ""

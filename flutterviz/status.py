@@ -41,8 +41,8 @@ def status_of(session: Session) -> Status:
     rig, plant = session.rig, session.rig.plant
     critical = plant.critical[0] if plant.critical else None
     pressure = plant.stream.dynamic_pressure
-    driven = session.engaged and bool(plant.channels) and rig.refusal is None
-    growth = rig.loop.regulator.growth.real if driven else plant.growth.real
+    driven = session.engaged and rig.loop.law.asks and rig.refusal is None
+    growth = rig.loop.growth.real if driven else plant.growth.real
     word, detail, icon, tone = _verdict(session, driven, critical)
     if session.paused and not session.error:
         word = f"Paused · {word}"
@@ -54,6 +54,8 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
     pressure = plant.stream.dynamic_pressure
     if session.error:
         return "Stopped", session.error, "✖", "bad"
+    if driven and rig.shortfall and not plant.flutters:
+        return "Controller does harm", f"without it the panel would be stable: {rig.shortfall}", "!", "bad"
     if plant.passive and rig.bare_critical is not None and pressure >= rig.bare_critical:
         raised = f"{critical:.0f}" if critical else "none"
         detail = f"the patches end the flutter by stiffness and mass alone: λ_cr {rig.bare_critical:.0f} → {raised}"
@@ -64,18 +66,26 @@ def _verdict(session: Session, driven: bool, critical: float | None) -> tuple[st
         return "Stable", f"below the critical dynamic pressure: {detail}", "●", "good"
     if session.engaged and not plant.channels:
         return "Controller has no patches", "click elements of the panel to patch them", "!", "warn"
+    if session.engaged and not driven and not rig.refusal:
+        off = rig.design.control.kind == "off"
+        return "Controller off", "choose LQR, LQG or rate" if off else "its patches move nothing", "!", "warn"
     if session.engaged and rig.refusal:
         return "Controller impossible", rig.refusal, "!", "bad"
     if driven:
-        if rig.loop.regulator.growth.real > 0:
+        if rig.shortfall:
             word = "Controlled in part" if session.damping_time is None else "Quiet, but unstable"
-            return word, "a growing mode is out of reach; patch one side alone", "!", "warn"
+            return word, rig.shortfall, "!", "warn"
         if session.damping_time is not None:
             return "Controlled, quiet", f"damped {session.damping_time:.3f} s after {session.disturbed_by}", "✔", "good"
         if session.amplitude < session.design.run.settled:
             return "Controlled, quiet", "there is nothing left to damp", "✔", "good"
         volts = session.history.since(session.time - session.period).volts
-        saturated = bool(np.any(np.abs(volts) >= 0.999 * rig.loop.regulator.limit))
+        saturated = bool(np.any(np.abs(volts) >= 0.999 * rig.loop.law.limit))
+        if session.outlasts and rig.loop.law.hears_noise and not saturated:
+            return "Held, but not quiet", "sensor noise keeps the patches, and so the panel, moving", "!", "warn"
+        if session.outlasts:
+            limit = "the drive is at its limit" if saturated else "small motions would die out, this one does not"
+            return "Not suppressed", f"{limit}; patch more elements, or lower λ", "!", "bad"
         return "Controlled", "at the voltage limit" if saturated else "damping the flutter", "▼", "calm"
     if _at_rest(session):
         return "Buckled", "at rest in a deflection: preload or heat has pushed the panel out of its plane", "◠", "warn"

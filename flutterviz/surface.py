@@ -94,7 +94,7 @@ class SurfacePacker:
             raise ValueError(f"no such elements: {beyond}; a {grid.nx} x {grid.ny} mesh has 0..{grid.nx * grid.ny - 1}")
         self.grid: Final = grid
         self.patched: Final = patched
-        plate, lines, weights = _plate(grid)
+        plate, lines, weights, element = _plate(grid)
         parts = [plate, lines]
         if patched:
             frames = _frames(grid, patched)
@@ -102,6 +102,8 @@ class SurfacePacker:
             parts.append(frames)
         mesh = _joined(parts)
         self._coloured: Final = len(plate.points)
+        self._element: Final = element
+        self._painted = False
         self._weights: Final = weights
         self._lift: Final = mesh.lift
         self._buffer, self._bounds, start = _layout(mesh)
@@ -109,12 +111,28 @@ class SurfacePacker:
         self._position: Final = np.ndarray((count, 3), np.float32, self._buffer, start)
         self._colour: Final = np.ndarray((count, 4), np.uint16, self._buffer, start + 12 * count)
 
+    def paint(self, colours: NDArray[np.uint16] | None) -> None:
+        """Show a map: each element in one colour, in every frame from the next on, instead of the displacement.
+
+        Args:
+            colours: (nx * ny, 4) colour of each element as `colormap.sequential_rgba` and `colormap.gltf_rgba` give
+                them [0..65535]; they are copied. None goes back to the colours of the displacement.
+        """
+        if colours is not None:
+            wanted = (self.grid.nx * self.grid.ny, 4)
+            if colours.shape != wanted or colours.dtype != np.uint16:
+                # Colours of another type, as 0..1 or 0..255, would fit and all come out black.
+                raise ValueError(f"element colours must be {wanted} of uint16, not {colours.shape} of {colours.dtype}")
+            self._colour[: self._coloured] = colours[self._element]
+        self._painted = colours is not None
+
     def pack(self, z: ArrayLike, values: ArrayLike) -> bytes:
         """One frame.
 
         Args:
             z: (nvx, nvy) height [scene units]; what is not finite is drawn at rest.
-            values: (nvx, nvy) displacement over the colour scale's limit [-], clipped to -1..1; NaN is drawn grey.
+            values: (nvx, nvy) displacement over the colour scale's limit [-], clipped to -1..1; NaN is drawn grey. Not
+                looked at while the elements are painted, except for its shape.
 
         Returns:
             A complete GLB file.
@@ -124,7 +142,8 @@ class SurfacePacker:
             raise ValueError(f"z {height.shape} and values {shade.shape} must both have the grid's {self.grid.shape}")
         flat = np.nan_to_num(height.ravel(), posinf=0.0, neginf=0.0).clip(-_Z_LIMIT, _Z_LIMIT)
         self._position[:, 2] = self._weights @ flat + self._lift
-        self._colour[: self._coloured] = colormap.gltf_rgba((self._weights @ shade.ravel())[: self._coloured])
+        if not self._painted:
+            self._colour[: self._coloured] = colormap.gltf_rgba((self._weights @ shade.ravel())[: self._coloured])
         tops = self._position[:, 2]
         for at, bound in zip(self._bounds, (tops.min(), tops.max()), strict=True):
             self._buffer[at : at + _BOUND_WIDTH] = b"%*.9e" % (_BOUND_WIDTH, bound)
@@ -178,8 +197,11 @@ def _joined(parts: list[_Part]) -> _Part:
 
 
 @lru_cache(maxsize=4)
-def _plate(grid: DisplayGrid) -> tuple[_Part, _Part, sparse.csr_array]:
-    """Coloured cells, the dark strips of the element grid between them, and both parts' interpolation.
+def _plate(grid: DisplayGrid) -> tuple[_Part, _Part, sparse.csr_array, NDArray[np.intp]]:
+    """Coloured cells, the dark strips of the element grid between them, both parts' interpolation, and elements.
+
+    The last has (n,) the element that each vertex of the coloured cells belongs to. It is one only, because a strip
+    parts the cells of two elements everywhere; and it is counted off, not measured, so that rounding cannot matter.
 
     Cached, because it is the larger part of the work and a patch toggle does not change it.
     """
@@ -189,7 +211,10 @@ def _plate(grid: DisplayGrid) -> tuple[_Part, _Part, sparse.csr_array]:
     quads = _cells((len(x), len(y)))
     seam = (seam_x[:, None] | seam_y).ravel()
     plate, lines = _flat_part(points, quads[~seam]), _flat_part(points, quads[seam])
-    return plate, lines, _interpolation(grid, np.vstack([plate.points, lines.points]))
+    # Along each side an element has per + 1 positions of its own; one before the first lies on the panel's rim.
+    p, q = np.divmod(np.unique(quads[~seam]), len(y))  # in the order of the part's vertices
+    element = (p - 1) // (grid.per_x + 1) * grid.ny + (q - 1) // (grid.per_y + 1)
+    return plate, lines, _interpolation(grid, np.vstack([plate.points, lines.points])), element
 
 
 def _split_axis(side: float, elements: int, per: int) -> tuple[Floats, NDArray[np.bool_]]:

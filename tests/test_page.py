@@ -10,6 +10,7 @@ import pytest
 import viser
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
+from flutterviz import colormap
 from flutterviz.app import Explorer
 from flutterviz.session import Session
 from solver import load_design
@@ -32,6 +33,16 @@ PROJECT = """(point) => {
 }"""
 READY = "() => Boolean(window.__viserMutable?.nodeRefFromName?.['/panel'] && window.__viserMutable.camera)"
 PIXELS = "() => window.__viserMutable.canvas.toDataURL()"
+COLOUR_AT = """async ([x, y]) => {
+  const canvas = window.__viserMutable.canvas, box = canvas.getBoundingClientRect(), image = new Image();
+  image.src = canvas.toDataURL();
+  await image.decode();
+  const copy = Object.assign(document.createElement('canvas'), {width: canvas.width, height: canvas.height});
+  const flat = copy.getContext('2d');
+  flat.drawImage(image, 0, 0);
+  const at = [(x - box.left) / box.width * canvas.width, (y - box.top) / box.height * canvas.height];
+  return [...flat.getImageData(...at, 1, 1).data];
+}"""
 ON_CANVAS = "([x, y]) => document.elementFromPoint(x, y) === window.__viserMutable.canvas"
 
 pytestmark = [
@@ -175,6 +186,37 @@ def test_space_holds_the_panel_still(page: Page, explorer: Explorer) -> None:
     assert explorer.session.time == before
     page.keyboard.press("Space")
     until(page, lambda: explorer.session.time > before)
+
+
+def test_the_control_tab_changes_the_controller_and_the_poles_are_drawn(page: Page, explorer: Explorer) -> None:
+    page.get_by_role("tab", name="Control").click()
+    page.get_by_role("button", name="LQG", exact=True).click()
+    until(page, lambda: explorer.session.rig.design.control.kind == "lqg")
+    until(page, lambda: "LQG" in page.locator("#flutterviz-control").inner_text())
+    page.get_by_role("tab", name="Root locus").click()
+    until(page, lambda: page.get_by_text("frequency [Hz] over growth rate").is_visible())
+    until(page, lambda: "λ = " in status(page) or "λ > " in status(page))  # stabilises up to
+    page.get_by_role("tab", name="Live plots").click()
+    page.get_by_role("tab", name="Panel").click()
+
+
+def test_a_map_stands_still_on_the_moving_panel(page: Page, explorer: Explorer) -> None:
+    """The colour in the middle of an element is the map's, give or take the filters of the drawing."""
+    page.get_by_role("button", name="NFCG", exact=True).click()
+    until(page, lambda: page.get_by_text("dark: patches belong here").count() == 1)
+    shown = explorer._background.map
+    assert shown is not None
+    low, high = shown.values.min(), shown.values.max()
+    element = 18 * 6 + 2
+    wanted = colormap.sequential_rgb([(shown.values[element] - low) / (high - low)])[0].astype(int)
+    page.keyboard.press("Space")
+    until(page, lambda: "Paused" in status(page))
+    page.wait_for_timeout(500)  # the last frame is drawn
+    seen = page.evaluate(COLOUR_AT, place(page, explorer, element))
+    assert np.abs(np.array(seen[:3]) - wanted).max() <= 6
+    page.keyboard.press("Space")
+    page.get_by_role("button", name="w", exact=True).click()
+    until(page, lambda: page.get_by_text("dark: patches belong here").count() == 0)
 
 
 def test_two_tabs_share_the_panel_and_one_may_close(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from trimesh.visual import ColorVisuals
+from trimesh.visual import ColorVisuals, TextureVisuals
 
 from flutterviz import colormap
 from flutterviz.surface import DisplayGrid, SurfacePacker, anchor_glb, to_trimesh
@@ -172,3 +172,125 @@ def test_the_exported_mesh_has_the_grid_its_heights_and_its_colours() -> None:
     assert isinstance(data, bytes)
     again = trimesh.load_mesh(io.BytesIO(data), file_type="glb")
     assert again.faces.shape == mesh.faces.shape
+
+
+ELEMENTS = GRID.nx * GRID.ny
+MARKED = (0, 5, 20, 77, 138, 143)  # the panel's corners and some in between; no two are neighbours
+
+
+def middles_shown(data: bytes) -> np.ndarray:
+    """(nx * ny, 4) the colour shown at the middle of each element, as an independent reader finds it [0..65535]."""
+    (mesh,) = trimesh.load_scene(io.BytesIO(data), file_type="glb").geometry.values()
+    assert isinstance(mesh, trimesh.Trimesh)
+    assert isinstance(mesh.visual, TextureVisuals)  # the reader keeps vertex colours of a mesh with a material here
+    size = np.array([GRID.length / GRID.nx, GRID.width / GRID.ny]) * GRID.scale
+    # Off the exact middle, where cells meet, and well inside one triangle.
+    points = (np.column_stack(np.divmod(np.arange(ELEMENTS), GRID.ny)) + np.array([0.55, 0.53])) * size
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces][:, :, :2], 1, 0)
+    sides = [
+        (q - p)[None, :, 0] * (points[:, None, 1] - p[None, :, 1])
+        - (q - p)[None, :, 1] * (points[:, None, 0] - p[None, :, 0])
+        for p, q in ((a, b), (b, c), (c, a))
+    ]
+    inside = (np.array(sides) > 0).all(axis=0)
+    assert (inside.sum(axis=1) == 1).all()
+    corners = np.asarray(mesh.visual.vertex_attributes["color"])[mesh.faces[inside.argmax(axis=1)]]
+    assert (corners == corners[:, :1]).all()  # one flat colour over the triangle
+    return corners[:, 0]
+
+
+def marked_map() -> np.ndarray:
+    """(nx * ny, 4) a map with much at `MARKED` and little elsewhere."""
+    return colormap.sequential_rgba(np.isin(np.arange(ELEMENTS), MARKED).astype(float))
+
+
+def test_painted_elements_show_their_colour_and_neighbours_do_not() -> None:
+    packer = SurfacePacker(GRID)
+    packer.paint(marked_map())
+    shown = middles_shown(packer.pack(HEIGHT, SHAPE))
+    little, much = colormap.sequential_rgba([0.0, 1.0])
+    marked = np.isin(np.arange(ELEMENTS), MARKED)
+    assert (shown[marked] == much).all()
+    assert (shown[~marked] == little).all()
+
+
+@pytest.mark.parametrize("grid", [GRID, DisplayGrid(0.3, 0.7, 5, 3, 1, 1), DisplayGrid(1.0, 1.0, 48, 12, 8, 16)])
+def test_every_coloured_vertex_has_the_colour_of_the_element_it_lies_in(grid: DisplayGrid) -> None:
+    # Each element's number is written into its colour.
+    number = np.arange(grid.nx * grid.ny)
+    painted = np.column_stack([number + 1, 2 * number, 3 * number, np.full(len(number), 65535)]).astype(np.uint16)
+    packer = SurfacePacker(grid)
+    rest = np.zeros(grid.shape)
+    low, high = (read(packer.pack(rest, rest + value)) for value in (-1.0, 1.0))
+    coloured = (low.colour != high.colour).any(axis=1)
+    packer.paint(painted)
+    glb = read(packer.pack(rest, rest))
+    size = np.array([grid.length / grid.nx, grid.width / grid.ny]) * grid.scale
+    i, j = np.floor(glb.position[coloured, :2] / size).astype(int).T
+    np.testing.assert_array_equal(glb.colour[coloured], painted[i * grid.ny + j])
+    np.testing.assert_array_equal(glb.colour[~coloured], low.colour[~coloured])
+    per_element = np.bincount(glb.colour[coloured, 0] - 1)
+    assert (per_element == (grid.per_x + 1) * (grid.per_y + 1)).all()
+
+
+def test_painting_leaves_lines_and_frames_alone() -> None:
+    packer = SurfacePacker(GRID, PATCHED)
+    plain = read(packer.pack(HEIGHT, np.zeros(GRID.shape)))
+    packer.paint(marked_map())
+    painted = read(packer.pack(HEIGHT, np.zeros(GRID.shape)))
+    coloured = (plain.colour == colormap.gltf_rgba([0.0])[0]).all(axis=1)
+    np.testing.assert_array_equal(painted.colour[~coloured], plain.colour[~coloured])
+    np.testing.assert_array_equal(painted.position, plain.position)
+    np.testing.assert_array_equal(painted.faces, plain.faces)
+
+
+def test_a_painted_panel_still_moves_and_keeps_its_colours() -> None:
+    packer, plain = SurfacePacker(GRID, PATCHED), SurfacePacker(GRID, PATCHED)
+    packer.paint(marked_map())
+    first = read(packer.pack(HEIGHT, SHAPE))
+    second = read(packer.pack(-2.0 * HEIGHT, -SHAPE))
+    np.testing.assert_array_equal(second.colour, first.colour)
+    np.testing.assert_array_equal(second.position, read(plain.pack(-2.0 * HEIGHT, -SHAPE)).position)
+    assert np.abs(second.position[:, 2] - first.position[:, 2]).max() > 0.2
+    bounds = second.document["accessors"][0]
+    np.testing.assert_array_equal(np.float32(bounds["max"]), second.position.max(axis=0))
+
+
+def test_unpainted_is_as_if_never_painted() -> None:
+    packer = SurfacePacker(GRID, PATCHED)
+    packer.pack(HEIGHT, SHAPE)
+    packer.paint(marked_map())
+    painted = packer.pack(-HEIGHT, -SHAPE)
+    packer.paint(None)
+    fresh = SurfacePacker(GRID, PATCHED).pack(0.5 * HEIGHT, 0.5 * SHAPE)
+    assert packer.pack(0.5 * HEIGHT, 0.5 * SHAPE) == fresh
+    assert len(painted) == len(fresh)
+
+
+def test_painting_again_replaces_the_map_and_later_changes_of_it_do_not_show() -> None:
+    packer, again = SurfacePacker(GRID), SurfacePacker(GRID)
+    packer.paint(marked_map())
+    later = marked_map()[::-1].copy()
+    again.paint(later)
+    packer.paint(later)
+    later[:] = 0
+    assert packer.pack(HEIGHT, SHAPE) == again.pack(HEIGHT, SHAPE)
+    assert read(packer.pack(HEIGHT, SHAPE)).colour.any(axis=1).all()
+
+
+@pytest.mark.parametrize(
+    ("colours", "message"),
+    [
+        (np.zeros((143, 4), np.uint16), r"must be \(144, 4\) of uint16, not \(143, 4\) of uint16"),
+        (np.zeros((144, 3), np.uint16), r"not \(144, 3\)"),
+        (np.zeros((24, 6, 4), np.uint16), r"not \(24, 6, 4\)"),
+        (np.zeros((144, 4)), r"not \(144, 4\) of float64"),
+    ],
+)
+def test_colours_that_do_not_fit_the_elements_are_refused(colours: np.ndarray, message: str) -> None:
+    packer = SurfacePacker(GRID)
+    before = packer.pack(HEIGHT, SHAPE)
+    with pytest.raises(ValueError, match=message) as caught:
+        packer.paint(colours)
+    assert "\n" not in str(caught.value)
+    assert packer.pack(HEIGHT, SHAPE) == before  # and nothing has changed
