@@ -1,4 +1,4 @@
-"""Takes README's pictures: the explorer in flutter and its controller at work, and a sweep. Needs Chromium."""
+"""Takes README's pictures: the explorer in flutter, under control, with a map, and a sweep. Needs Chromium."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def picture(page: Page) -> None:
-    """The panel in its limit cycle, then half a minute into the control."""
+    """The panel in its limit cycle, some seconds into the control, and the NFCG beside Control tab and root locus."""
     page.get_by_text("Limit cycle").wait_for(timeout=60_000)
     page.locator(".mantine-Notification-closeButton").first.click(timeout=10_000)
     page.wait_for_timeout(15_000)
@@ -47,6 +47,14 @@ def picture(page: Page) -> None:
     page.get_by_text("Release controller").wait_for()
     page.wait_for_timeout(7_000)
     page.screenshot(path=HERE / "controlled.png")
+    page.keyboard.press("c")
+    page.get_by_role("button", name="NFCG", exact=True).click()
+    page.get_by_role("tab", name="Control").click()
+    page.get_by_role("tab", name="Root locus").click()
+    page.get_by_text("dark: patches belong here").wait_for()
+    page.mouse.move(700, 850)  # off the buttons, which explain themselves under the pointer
+    page.wait_for_timeout(8_000)
+    page.screenshot(path=HERE / "control.png")
 
 
 if __name__ == "__main__":
