@@ -69,9 +69,10 @@ def suppresses_up_to(whole: Plant, linear: Hold | None) -> Hold | None:
         linear: what `stabilises_up_to` found for it.
 
     Returns:
-        The λ; None where the panel does not flutter at any, or nothing drives it.
+        The λ; None where the panel does not flutter at any, nothing drives it, or the run has no time for it.
     """
-    if whole.critical is None or linear is None:
+    run = whole.design.run
+    if whole.critical is None or linear is None or run.duration <= run.control_on:
         return None
     if linear.dynamic_pressure <= whole.critical[0]:
         return linear
@@ -79,13 +80,9 @@ def suppresses_up_to(whole: Plant, linear: Hold | None) -> Hold | None:
     last: list[LimitCycle] = []
 
     def quiet(value: float) -> bool:
-        there = plant.at_pressure(value)
-        try:
-            loop = Loop.of(there)
-        except ControlError:
-            return False
-        if not there.flutters:
-            return True
+        loop = loop_if_any(plant.at_pressure(value))
+        if loop is None or not loop.plant.flutters:
+            return loop is not None
         cycle = limit_cycle(loop, last[-1].state if last else None)
         last[:] = [cycle] if cycle else []
         return suppresses(loop, cycle)

@@ -38,7 +38,8 @@ class Memory:
     own: Floats
     """(m,) its own state z [its own units]."""
     when: Floats
-    """(k,) instants of the past delay at which it asked for something, from now [s]; the last is the latest."""
+    """(k,) instants at which it asked for something, back to a delay ago and one more, from now [s]; the last is the
+    latest."""
     asked: Floats
     """(k, channels) what it asked for then [V]; before the first it asked for nothing."""
     drawn: int

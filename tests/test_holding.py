@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from panels import COARSE, balance, plant, seed, whole
 
-from solver import Control, Loop, Plant, limit_cycle, load_design, seed_protocol
+from solver import Control, Loop, Plant, Run, limit_cycle, load_design, seed_protocol
 from solver.controlfacts import ControlFacts, control_facts
 from solver.holding import Hold, hold_over, stabilises_up_to, suppresses_up_to
 from solver.limitcycle import LimitCycle
@@ -274,3 +274,11 @@ def test_energy_and_work_are_of_the_time_under_control() -> None:
     charge = trace.states[kept, : of.size] @ of.force[:, 0]
     stieltjes = float((0.5 * (trace.volts[kept, 0][1:] + trace.volts[kept, 0][:-1]) * np.diff(charge)).sum())
     assert trace.drive_work == pytest.approx(stieltjes, abs=0.05 * trace.peak_voltage * np.abs(np.diff(charge)).sum())
+
+
+def test_a_run_with_no_time_for_control_says_nothing_of_it() -> None:
+    design = msgspec.structs.replace(COARSE, run=Run(control_on=0.3, duration=0.3)).with_dynamic_pressure(700.0)
+    plant = Plant.of(design)
+    assert plant.flutters
+    assert robust_damping(Loop.of(plant.symmetric())) is None
+    assert suppresses_up_to(plant, stabilises_up_to(plant)) is None
