@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import msgspec
@@ -10,6 +11,8 @@ from flutterviz.outlook import Outlook, outlook_of
 from flutterviz.rig import Rig
 from solver import Design
 from solver.authority import AuthorityMap, Criterion, authority
+
+PATIENCE = 0.7  # s that a rig must stand before one looks ahead for it: who toggles patches gets all of the machine
 
 
 class Background:
@@ -24,6 +27,8 @@ class Background:
         self._workers = (ThreadPoolExecutor(1, "outlook"), ThreadPoolExecutor(1, "map"))
         self._looking: Future[Outlook] | None = None
         self._looked: Design | None = None
+        self._present: Design | None = None
+        self._since = 0.0
         self._mapping: Future[AuthorityMap] | None = None
         self._mapped: tuple[object, ...] | None = None
 
@@ -45,7 +50,10 @@ class Background:
             self.outlook = None if done.exception() else done.result()
         if self.outlook is not None and self.outlook.design != rig.design:
             self.outlook = None
-        if self._looking is None and self._looked != rig.design:
+        if self._present != rig.design:
+            self._present, self._since = rig.design, time.perf_counter()
+        rests = time.perf_counter() - self._since > PATIENCE
+        if self._looking is None and self._looked != rig.design and rests:
             self._looked = rig.design
             self._looking = self._workers[0].submit(outlook_of, rig)
 
