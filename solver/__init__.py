@@ -27,15 +27,20 @@ from solver.observer import Lqg
 from solver.outcome import Outcome, outcome_of
 from solver.passive import patch_growth
 from solver.plant import Plant
+from solver.ranking import Ranking
 from solver.ratefeedback import RateFeedback
 from solver.regulator import Lqr
 from solver.robust import RobustDamping, robust_damping
 from solver.rootlocus import RootLocus, gain_locus, root_locus
+from solver.score import Score
+from solver.search import Progress, search
 from solver.shooting import Orbit, find_orbit
 from solver.simulate import Loop, Memory, first_mode_at_rest, seed_protocol
 from solver.summary import FlutterFacts, RunFacts, flutter_facts, run_facts
 from solver.sweep import SweepRow, set_field, sweep
+from solver.task import Task
 from solver.trace import Trace
+from solver.workers import local_workers
 
 __all__ = [
     "AuthorityMap",
@@ -74,16 +79,20 @@ __all__ = [
     "Patches",
     "Plant",
     "Ply",
+    "Progress",
+    "Ranking",
     "RateFeedback",
     "Reduction",
     "RobustDamping",
     "RootLocus",
     "Run",
     "RunFacts",
+    "Score",
     "StaticState",
     "Step",
     "Stream",
     "SweepRow",
+    "Task",
     "Trace",
     "authority",
     "buckling_factor",
@@ -107,6 +116,7 @@ __all__ = [
     "limit_cycle",
     "limit_cycles",
     "load_design",
+    "local_workers",
     "material",
     "material_names",
     "motion_of",
@@ -118,6 +128,7 @@ __all__ = [
     "root_locus",
     "run_facts",
     "save_design",
+    "search",
     "seed_protocol",
     "set_field",
     "stabilises_up_to",

@@ -38,14 +38,17 @@ def design_from_json(text: str | bytes, source: str = "design") -> Design:
 
 
 def load_design(name: str) -> Design:
-    """Load a design by a preset's name or a file's path.
+    """Load a design by a preset's name or a file's path; of a ranking the best, or with FILE#RANK that one.
 
     Raises:
         DesignError: there is no such preset or file, or it does not hold a design.
     """
     if name in preset_names():
         return design_from_json((_PRESETS / f"{name}.json").read_bytes(), name)
-    path = Path(name)
+    path, rank = Path(name), 1
+    before, mark, number = name.rpartition("#")
+    if mark and number.isdigit() and not path.exists():
+        path, rank = Path(before), int(number)
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -53,7 +56,38 @@ def load_design(name: str) -> Design:
         raise DesignError(f"{name}: no such preset or file; presets are {known}") from None
     except OSError as error:
         raise DesignError(f"{name}: cannot be read ({error.strerror})") from None
+    if _Places.in_file(data):
+        return _Places.design(data, name, rank)
     return design_from_json(data, name)
+
+
+class _Places(msgspec.Struct, frozen=True):
+    """The ranking in a search's file; all else in it is not looked at."""
+
+    search_version: int
+    ranking: list[_Place]
+
+    @staticmethod
+    def in_file(data: bytes) -> bool:
+        """Whether a file looks like a search's."""
+        return b'"search_version"' in data and b'"ranking"' in data
+
+    @staticmethod
+    def design(data: bytes, name: str, rank: int) -> Design:
+        """The design at a rank, from 1 on."""
+        try:
+            places = msgspec.json.decode(data, type=_Places).ranking
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise DesignError(f"{name}: {' '.join(str(error).split())}") from None
+        if not 1 <= rank <= len(places):
+            raise DesignError(f"{name}: there is no rank {rank}; the ranking has {len(places)} layouts")
+        return places[rank - 1].design
+
+
+class _Place(msgspec.Struct, frozen=True):
+    """A place in a ranking."""
+
+    design: Design
 
 
 def save_design(design: Design, path: Path) -> None:
