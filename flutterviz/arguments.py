@@ -14,6 +14,13 @@ import tyro
 
 from solver import Design, DesignError, load_design
 
+DesignName = Annotated[
+    str,
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="DESIGN", help="A preset, a JSON file, or ranking.json#2."),
+]
+JsonFlag = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="Print one JSON object on stdout.")]
+
 
 class NamesDesign(Protocol):
     """Options of a command that works on a design."""
@@ -88,6 +95,8 @@ def _read(kind: type[Options], words: Sequence[str], command: str) -> Options:
 def _one_line(said: str) -> str:
     """What tyro says under its title and between two rules, as one line; the nearest known option beside it."""
     sections = [" ".join(part.split()) for part in re.split(r"^\s*[-─]{8,}\s*$", said, flags=re.MULTILINE)]
-    line = re.sub(r"^Error parsing (?=\S+: )", "", sections[1] if len(sections) > 1 else sections[0])
+    line = re.sub(
+        r"^Error parsing (?:options\.task: )?(?=\S+( = .*)?: )", "", sections[1] if len(sections) > 1 else sections[0]
+    )
     near = re.search(r"Perhaps you meant: (--[\w.-]+)", " ".join(sections))
     return f"{line}; perhaps you meant {near[1]}" if near else line

@@ -15,8 +15,9 @@ import tyro
 from rich.progress import Progress
 from rich.table import Table
 
-from flutterviz.arguments import parsed, parsed_on_design
+from flutterviz.arguments import DesignName, JsonFlag, parsed, parsed_on_design
 from flutterviz.figures import check_picture, draw_roots, draw_sweep
+from flutterviz.searching import SearchOptions, run_search
 from flutterviz.tables import (
     ERR,
     OUT,
@@ -46,11 +47,7 @@ MOST_ROWS = 1000  # of a sweep, each of which takes a second or so
 USER_ERROR = 2
 """Exit code for input that cannot be used."""
 
-DesignName = Annotated[
-    str, tyro.conf.Positional, tyro.conf.arg(metavar="DESIGN", help="A preset's name or a JSON file.")
-]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
-JsonFlag = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help="Print one JSON object on stdout.")]
 RrdFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE.rrd", help="A recording.")]
 
 
@@ -153,6 +150,7 @@ COMMANDS = {
     "sweep": Sweep,
     "control": ControlOptions,
     "nfcg": Nfcg,
+    "search": SearchOptions,
     "check": Check,
     "replay": Replay,
 }
@@ -208,6 +206,9 @@ def _dispatch(words: list[str]) -> int:
         case "control":
             options, design = parsed_on_design(ControlOptions, words, name)
             _control(options, design)
+        case "search":
+            options, design = parsed_on_design(SearchOptions, words, name)
+            return run_search(options, design)
         case "check":
             return _check(parsed(Check, words, name))
         case "replay":

@@ -36,10 +36,10 @@ def print_flutter(design: Design, facts: FlutterFacts) -> None:
     count = len(design.patches.elements)
     table = Table(title=f"flutter, C_a = {facts.aerodynamic_damping:.4g}, {count} patched elements", show_header=False)
     name = "λ_cr of the flat state" if facts.buckled else "λ_cr"
-    table.add_row(name, _number(facts.lambda_cr, ".2f", "none up to λ = 20 000"))
-    table.add_row(f"λ_cr in {facts.modes} modes", _number(facts.lambda_cr_in_basis, ".2f", "none up to λ = 20 000"))
-    table.add_row("flutter frequency", _number(facts.flutter_frequency_hz, ".2f Hz", "–"))
-    table.add_row("q/β at λ_cr", _number(facts.pressure_cr_pa, ".1f Pa", "–"))
+    table.add_row(name, number(facts.lambda_cr, ".2f", "none up to λ = 20 000"))
+    table.add_row(f"λ_cr in {facts.modes} modes", number(facts.lambda_cr_in_basis, ".2f", "none up to λ = 20 000"))
+    table.add_row("flutter frequency", number(facts.flutter_frequency_hz, ".2f Hz", "–"))
+    table.add_row("q/β at λ_cr", number(facts.pressure_cr_pa, ".1f Pa", "–"))
     if design.flow.mach is not None:
         given = f"{facts.dynamic_pressure:.2f}, C_a = {facts.aerodynamic_damping:.4f}"
         table.add_row(f"λ at Mach {design.flow.mach:g}, {design.flow.altitude:g} m", given)
@@ -65,12 +65,12 @@ def print_sweep(field: str, rows: list[SweepRow]) -> None:
             row.direction,
             f"{row.growth_per_s:+.2f}",
             f"{row.motion or '–'}{', snapping' if row.snap_through else ''}",
-            _number(row.lco_amplitude_over_h, ".4f", "–")
+            number(row.lco_amplitude_over_h, ".4f", "–")
             + (" ?" if row.lco_amplitude_over_h and not row.lco_converged else ""),
-            _number(row.lco_frequency_hz, ".2f", "–"),
-            _number(row.floquet, ".4f", "–"),
-            "passive" if row.passive else _number(row.damping_time_s, ".4f", "–"),
-            _number(row.lambda_cr, ".2f", "none"),
+            number(row.lco_frequency_hz, ".2f", "–"),
+            number(row.floquet, ".4f", "–"),
+            "passive" if row.passive else number(row.damping_time_s, ".4f", "–"),
+            number(row.lambda_cr, ".2f", "none"),
         )
     OUT.print(table)
 
@@ -81,10 +81,8 @@ def print_run(facts: RunFacts, cycles: bool) -> None:
     resting = facts.motion if facts.motion in ("buckled", "deflected") else None
     state = resting or ("passive" if facts.passive else "flutters" if facts.flutters else "stable")
     table.add_row("state", "diverged" if facts.diverged else state)
-    table.add_row("λ_cr with patches", _number(facts.lambda_cr, ".2f", "none"))
-    table.add_row(
-        "damping time", _number(facts.damping_time_s, ".4f s", "never in this run" if facts.flutters else "–")
-    )
+    table.add_row("λ_cr with patches", number(facts.lambda_cr, ".2f", "none"))
+    table.add_row("damping time", number(facts.damping_time_s, ".4f s", "never in this run" if facts.flutters else "–"))
     if facts.motion is not None:
         chaos = f", Lyapunov exponent {facts.lyapunov_per_s:+.1f} /s" if facts.motion == "chaotic" else ""
         table.add_row(
@@ -92,8 +90,8 @@ def print_run(facts: RunFacts, cycles: bool) -> None:
         )
         if facts.lco_amplitude_over_h is None and facts.motion_amplitude_over_h:
             table.add_row("peak of it, w/h at 0.75 a", f"{facts.motion_amplitude_over_h:.4f}")
-    table.add_row("limit cycle, w/h at 0.75 a", _number(facts.lco_amplitude_over_h, ".4f", "–"))
-    table.add_row("limit cycle frequency", _number(facts.lco_frequency_hz, ".2f Hz", "–"))
+    table.add_row("limit cycle, w/h at 0.75 a", number(facts.lco_amplitude_over_h, ".4f", "–"))
+    table.add_row("limit cycle frequency", number(facts.lco_frequency_hz, ".2f Hz", "–"))
     if facts.lco_floquet is not None:
         table.add_row("Floquet multiplier", f"{facts.lco_floquet:.4f} a cycle, beside the trivial 1")
     table.add_row("participation [%]", "  ".join(f"{p:.1f}" for p in facts.participation_percent[:8]))
@@ -115,9 +113,9 @@ def print_run(facts: RunFacts, cycles: bool) -> None:
     if facts.full_order is not None:
         full = facts.full_order
         table = Table(title="full-order model", show_header=False)
-        table.add_row("damping time", _number(full.damping_time_s, ".4f s", "–"))
-        table.add_row("limit cycle, w/h at 0.75 a", _number(full.lco_amplitude_over_h, ".4f", "–"))
-        table.add_row("limit cycle frequency", _number(full.lco_frequency_hz, ".2f Hz", "–"))
+        table.add_row("damping time", number(full.damping_time_s, ".4f s", "–"))
+        table.add_row("limit cycle, w/h at 0.75 a", number(full.lco_amplitude_over_h, ".4f", "–"))
+        table.add_row("limit cycle frequency", number(full.lco_frequency_hz, ".2f Hz", "–"))
         table.add_row("peak voltage", f"{full.peak_voltage_v:.1f} V")
         OUT.print(table)
 
@@ -135,7 +133,7 @@ def print_estimate(estimate: ErrorEstimate) -> None:
     )
     for name, row, form in rows:
         if row is not None:
-            table.add_row(name, *(_number(v, form, "–") for v in (row.value, row.basis_error, row.mesh_error)))
+            table.add_row(name, *(number(v, form, "–") for v in (row.value, row.basis_error, row.mesh_error)))
     OUT.print(table)
 
 
@@ -162,7 +160,7 @@ def print_control(facts: ControlFacts) -> None:
     count = len(facts.channels)
     title = f"{facts.controller} on {count} channel{'' if count == 1 else 's'} at λ = {facts.dynamic_pressure:g}"
     table = Table(title=title, show_header=False)
-    table.add_row("λ_cr with patches", _number(facts.lambda_cr, ".2f", "none") + (", passive" if facts.passive else ""))
+    table.add_row("λ_cr with patches", number(facts.lambda_cr, ".2f", "none") + (", passive" if facts.passive else ""))
     table.add_row("growth, uncontrolled", f"{facts.open_loop_growth_per_s:+.2f} /s")
     table.add_row("growth, controlled", f"{facts.closed_loop_growth_per_s:+.2f} /s")
     margin = f"{facts.growth_at_lower_per_s:+.2f} /s and {facts.growth_at_higher_per_s:+.2f} /s"
@@ -171,12 +169,12 @@ def print_control(facts: ControlFacts) -> None:
     table.add_row("leading poles", "  ".join(f"{growth:+.1f} /s at {hertz:.0f} Hz" for growth, hertz in poles))
     table.add_row("stabilises up to λ", _limit(facts.stabilises_up_to, facts.stabilises_beyond))
     table.add_row("ends the limit cycle up to λ", _limit(facts.suppresses_up_to, facts.suppresses_beyond))
-    table.add_row("damping time, seed protocol", _number(facts.damping_time_s, ".4f s", "–"))
-    table.add_row("worst over phases", _number(facts.robust_damping_time_s, ".4f s", "–"))
-    table.add_row("mean over phases", _number(facts.mean_damping_time_s, ".4f s", "–"))
+    table.add_row("damping time, seed protocol", number(facts.damping_time_s, ".4f s", "–"))
+    table.add_row("worst over phases", number(facts.robust_damping_time_s, ".4f s", "–"))
+    table.add_row("mean over phases", number(facts.mean_damping_time_s, ".4f s", "–"))
     times = facts.phase_damping_times_s
     if times:
-        table.add_row("from each phase", "  ".join(_number(time, ".4f", "never") for time in times))
+        table.add_row("from each phase", "  ".join(number(time, ".4f", "never") for time in times))
     table.add_row("control energy ∫V² dt", f"{facts.control_energy_v2s:.4g} V²·s")
     table.add_row("work of the patches on the panel", f"{facts.drive_work_j:+.4g} J")
     table.add_row("largest |w|/h at the end", f"{facts.end_amplitude_over_h:.4f}")
@@ -196,13 +194,13 @@ def print_hold(own: float, rows: list[HoldRow]) -> None:
             f"{row.dynamic_pressure:g}",
             row.state,
             f"{row.open_loop_growth_per_s:+.1f}",
-            _number(row.closed_loop_growth_per_s, "+.1f", "none"),
-            _number(row.damping_time_s, ".4f", "–"),
-            _number(row.robust_damping_time_s, ".4f", "–"),
-            _number(row.mean_damping_time_s, ".4f", "–"),
-            _number(row.peak_voltage_v, ".1f", "–"),
-            _number(row.fixed_closed_loop_growth_per_s, "+.1f", "none"),
-            _number(row.fixed_robust_damping_time_s, ".4f", "–"),
+            number(row.closed_loop_growth_per_s, "+.1f", "none"),
+            number(row.damping_time_s, ".4f", "–"),
+            number(row.robust_damping_time_s, ".4f", "–"),
+            number(row.mean_damping_time_s, ".4f", "–"),
+            number(row.peak_voltage_v, ".1f", "–"),
+            number(row.fixed_closed_loop_growth_per_s, "+.1f", "none"),
+            number(row.fixed_robust_damping_time_s, ".4f", "–"),
         )
     OUT.print(table)
     fluttering = [row.state for row in rows if "suppressed" in row.state]
@@ -218,7 +216,8 @@ def _limit(value: float | None, beyond: bool) -> str:
     return f"{value:.1f}{' and beyond' if beyond else ''}" if value else "none"
 
 
-def _number(value: float | None, form: str, missing: str) -> str:
+def number(value: float | None, form: str, missing: str) -> str:
+    """A number in a format, its unit after a blank, or what stands for a missing one."""
     if value is None:
         return missing
     digits, _, unit = form.partition(" ")
