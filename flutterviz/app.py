@@ -18,6 +18,9 @@ from flutterviz import commands as do
 from flutterviz.background import Background
 from flutterviz.clock import FRAME, Clock, nearest_rate, next_rate
 from flutterviz.controls import Controls, Wish
+from flutterviz.finder import Finder, SearchWish
+from flutterviz.frontplot import FrontPlot
+from flutterviz.jobs import Job
 from flutterviz.locusplot import LocusPlot
 from flutterviz.plots import Plots
 from flutterviz.recording import Recording
@@ -37,8 +40,10 @@ PLOT_SECONDS = 12.0  # wall time that the plots show where that is longer
 class Explorer:
     """A page on a server, and the loop that feeds it. Callbacks only put into the inbox; the loop owns the session."""
 
-    def __init__(self, session: Session, server: viser.ViserServer, record: Path | None = None) -> None:
-        """Build the page.
+    def __init__(
+        self, session: Session, server: viser.ViserServer, record: Path | None = None, job: Job | None = None
+    ) -> None:
+        """Build the page; placements are searched for by a job.
 
         Raises:
             OSError: the recording cannot be written.
@@ -47,10 +52,11 @@ class Explorer:
         self.server = server
         self.clock = Clock(nearest_rate(session.period))
         self.running = True
-        self._inbox: queue.SimpleQueue[do.Command | Wish | Ray] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[do.Command | Wish | Ray | SearchWish] = queue.SimpleQueue()
         self._builder = ThreadPoolExecutor(1, thread_name_prefix="rebuild")
         self._building: Future[Rig] | None = None
         self._background = Background()
+        self.finder = Finder(session.design, job or Job())
         self._frame = 0
         self._shown_design = session.design
         self._recording: Recording | None = None
@@ -64,9 +70,12 @@ class Explorer:
             self.plots = Plots(server, session.design.control.voltage_limit)
         with panel.add_tab("Root locus", viser.Icon.CHART_DOTS):
             self.locus = LocusPlot(server)
+        with panel.add_tab("Front", viser.Icon.CHART_DOTS_2):
+            self.front = FrontPlot(server)
         panel.dock_left()
-        panel.set_width(270)
-        self.controls = Controls(server, session, self.clock, self.scene.legend(session.rig.thickness), self._inbox.put)
+        panel.set_width(288)
+        legend = self.scene.legend(session.rig.thickness)
+        self.controls = Controls(server, session, self.clock, legend, self.finder, self._inbox.put)
         server.scene.on_click()(self._clicked)
         if record is not None:
             self._start_recording(record)
@@ -96,6 +105,7 @@ class Explorer:
         self._drain()
         self._rebuild()
         self._background.follow(self.session.rig)
+        self.finder.follow(self.session)
         watched = bool(self.server.get_clients()) or self._recording is not None
         if not watched:
             self.clock.due(time.perf_counter())  # nobody looks: time stands still, and is not made up for
@@ -113,6 +123,7 @@ class Explorer:
         """End the recording and the threads beside the loop."""
         self._builder.shutdown(wait=True, cancel_futures=True)
         self._background.close()
+        self.finder.close()
         self._stop_recording()
 
     def _drain(self) -> None:
@@ -132,10 +143,13 @@ class Explorer:
                 if element is None:
                     continue
                 wanted = do.TogglePatch(element)
-            self.session.apply(wanted)
+            if isinstance(wanted, SearchWish):
+                self.finder.grant(wanted, self.session)
+            else:
+                self.session.apply(wanted)
             if self.session.design != self._shown_design or isinstance(wanted, do.SetControl):
                 self._shown_design = self.session.design
-                self.controls.follow(self.session, dragged=dragged(wanted))
+                self.controls.follow(self.session, "" if isinstance(wanted, SearchWish) else dragged(wanted))
 
     def _grant(self, wish: Wish) -> None:
         """Do what concerns the page and not the panel."""
@@ -180,7 +194,7 @@ class Explorer:
         # patches are drawn as wanted, at once; the model follows within a few frames
         wanted = session.design if session.design.mesh == rig.design.mesh else rig.design
         with self.server.atomic():
-            self.scene.rebuild(rig.grid, wanted.patches.elements)
+            self.scene.rebuild(rig.grid, wanted.patches.elements, self.finder.marks_on(rig.design))
             self.scene.paint(self._background.map)
             self.scene.show(w, rig.thickness)
             if self._frame % PLOT_EVERY == 0:
@@ -189,6 +203,7 @@ class Explorer:
             if self._frame % TEXT_EVERY == 0:
                 self.scene.keep_framed(self.server.get_clients())
                 self.locus.show(rig, self._background.outlook)
+                self.front.show(self.finder.found)
                 self._show_legend()
                 self.controls.refresh(
                     session,
@@ -196,6 +211,7 @@ class Explorer:
                     len(self.server.get_clients()),
                     self._recording_facts(),
                     self._background.outlook,
+                    self.finder,
                 )
 
     def _show_legend(self) -> None:

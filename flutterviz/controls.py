@@ -11,7 +11,9 @@ import viser
 from flutterviz import commands as do
 from flutterviz.clock import Clock, rate_name
 from flutterviz.controltab import ControlTab, held
+from flutterviz.finder import Finder, SearchWish
 from flutterviz.outlook import Outlook
+from flutterviz.searchtab import SearchTab
 from flutterviz.session import Session
 from flutterviz.status import Status, status_of
 from solver import Stream, load_design, preset_names
@@ -39,7 +41,8 @@ class Controls:
         session: Session,
         clock: Clock,
         legend: str,
-        send: Callable[[do.Command | Wish], None],
+        finder: Finder,
+        send: Callable[[do.Command | Wish | SearchWish], None],
     ) -> None:
         """Add all widgets; `send` takes what the user does, from any thread."""
         self._send = send
@@ -79,6 +82,8 @@ class Controls:
                 self._recording = gui.add_html("")
         with tabs.add_tab("Control", viser.Icon.ADJUSTMENTS):
             self._control = ControlTab(gui, session, send)
+        with tabs.add_tab("Search", viser.Icon.SEARCH):
+            self._search = SearchTab(gui, finder, send)
         self._connect(gui)
         self.follow(session)
 
@@ -156,12 +161,19 @@ class Controls:
             self._send(action)
 
     def refresh(
-        self, session: Session, clock: Clock, pages: int, recording: str | None, outlook: Outlook | None
+        self,
+        session: Session,
+        clock: Clock,
+        pages: int,
+        recording: str | None,
+        outlook: Outlook | None,
+        finder: Finder,
     ) -> None:
         """Show the state; a widget is written only where it differs, so that a dragged slider is left alone."""
         status = status_of(session)
         _write(self._status, _status_card(status, session, clock, pages, outlook))
         self._control.refresh(session, outlook)
+        self._search.refresh(finder, session.design)
         _write(self._facts, _patch_facts(session, self._name))
         engaged = session.engaged
         label = "Release controller (C)" if engaged else "Engage controller (C)"

@@ -124,11 +124,11 @@ class Scene:
             "/axis_x", "x, downstream", position=(0.5 * length, -0.03, 0.0), anchor="top-center", font_screen_scale=0.9
         )
 
-    def rebuild(self, grid: DisplayGrid, patched: tuple[int, ...]) -> None:
-        """Lay the panel out again for other patches or another mesh."""
-        if (grid, patched) != (self._packer.grid, self._packer.patched):
+    def rebuild(self, grid: DisplayGrid, patched: tuple[int, ...], marked: tuple[int, ...] = ()) -> None:
+        """Lay the panel out again for other patches, other marked elements or another mesh."""
+        if (grid, patched, marked) != (self._packer.grid, self._packer.patched, self._packer.marked):
             self._grid = grid
-            self._packer = SurfacePacker(grid, patched)
+            self._packer = SurfacePacker(grid, patched, marked)
             self._painted = None
 
     def paint(self, shown: AuthorityMap | None) -> None:

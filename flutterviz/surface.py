@@ -1,4 +1,4 @@
-"""The deformed panel as one binary glTF buffer a frame: coloured surface, element grid and patch frames."""
+"""The deformed panel as one binary glTF buffer a frame: coloured surface, element grid, patch frames and marks."""
 
 import json
 import struct
@@ -23,10 +23,23 @@ _LIFT: Final = 0.0005  # of a frame over the surface: more than the two can diff
 # gold keeps it visible on grey, blue and red alike; what is left inside shows the displacement.
 _FRAME_DARK: Final = (0.0, 0.225)
 _FRAME_GOLD: Final = (0.055, 0.195)
+# A mark's frame is broader, so that it is told from a patch's without its colour, and lies within one where both are.
+_MARK_DARK: Final = (0.0, 0.33)
+_MARK_BRIGHT: Final = (0.055, 0.3)
+_WITHIN_DARK: Final = (0.225, 0.46)
+_WITHIN_BRIGHT: Final = (0.255, 0.43)
 
 _LINE: Final = colormap.single((58, 66, 80))
 _DARK: Final = colormap.single((28, 32, 40))
 _GOLD: Final = colormap.single((236, 178, 42))
+MARK: Final = (214, 93, 177)  # sRGB [0..255]
+_BRIGHT: Final = colormap.single(MARK)
+
+# Rims, height over the surface, and colour.
+_Ring = tuple[tuple[float, float], float, NDArray[np.uint16]]
+_PATCH_RINGS: Final = ((_FRAME_DARK, _LIFT, _DARK), (_FRAME_GOLD, 2.0 * _LIFT, _GOLD))
+_MARK_RINGS: Final = ((_MARK_DARK, _LIFT, _DARK), (_MARK_BRIGHT, 2.0 * _LIFT, _BRIGHT))
+_WITHIN_RINGS: Final = ((_WITHIN_DARK, _LIFT, _DARK), (_WITHIN_BRIGHT, 2.0 * _LIFT, _BRIGHT))
 
 _BOUND_WIDTH: Final = 17  # characters of "-1.234567890e+01", which is exact for a float32, and one to spare
 _Z_LIMIT: Final = 10.0  # scene units; a diverging run must not take the depth range along
@@ -78,28 +91,33 @@ class SurfacePacker:
 
     The GLB holds one mesh with one unlit, double-sided material and vertex colours: one draw call in the browser. The
     element grid is not drawn over the surface but *in* it, as dark strips between the cells, so it can never flicker
-    against it and shows from below as well. Frames of patched elements float a hair above it and below it.
+    against it and shows from below as well. Frames of patched and marked elements float a hair above it and below it.
     Its axes are the panel's (x downstream, y across, z up), its unit the scene's (`DisplayGrid.scale`).
     """
 
-    def __init__(self, grid: DisplayGrid, patched: tuple[int, ...] = ()) -> None:
+    def __init__(self, grid: DisplayGrid, patched: tuple[int, ...] = (), marked: tuple[int, ...] = ()) -> None:
         """Lay out the buffer.
 
         Args:
             grid: where the panel is sampled.
             patched: ids of the elements that carry a patch, each in 0..nx*ny-1.
+            marked: ids of the elements that are pointed out beside, as those of a layout that a search has found.
         """
-        beyond = [element for element in patched if not 0 <= element < grid.nx * grid.ny]
+        beyond = [element for element in (*patched, *marked) if not 0 <= element < grid.nx * grid.ny]
         if beyond:
             raise ValueError(f"no such elements: {beyond}; a {grid.nx} x {grid.ny} mesh has 0..{grid.nx * grid.ny - 1}")
         self.grid: Final = grid
         self.patched: Final = patched
+        self.marked: Final = marked
         plate, lines, weights, element = _plate(grid)
         parts = [plate, lines]
-        if patched:
-            frames = _frames(grid, patched)
-            weights = sparse.vstack([weights, _interpolation(grid, frames.points)], format="csr")
-            parts.append(frames)
+        alone = tuple(element for element in marked if element not in patched)
+        within = tuple(element for element in marked if element in patched)
+        for elements, rings in ((patched, _PATCH_RINGS), (alone, _MARK_RINGS), (within, _WITHIN_RINGS)):
+            if elements:
+                frames = _frames(grid, elements, rings)
+                weights = sparse.vstack([weights, _interpolation(grid, frames.points)], format="csr")
+                parts.append(frames)
         mesh = _joined(parts)
         self._coloured: Final = len(plate.points)
         self._element: Final = element
@@ -233,18 +251,18 @@ def _flat_part(points: Floats, quads: NDArray[np.intp]) -> _Part:
     return _Part(points[used], np.zeros(len(used)), colours, _triangles(quads.reshape(-1, 4)))
 
 
-def _frames(grid: DisplayGrid, patched: tuple[int, ...]) -> _Part:
-    """Frames of patched elements: a gold ring on a wider dark one, once above the panel and once below."""
+def _frames(grid: DisplayGrid, elements: tuple[int, ...], rings: tuple[_Ring, _Ring]) -> _Part:
+    """Frames of elements: a bright ring on a wider dark one, once above the panel and once below."""
     size = np.array([grid.length / grid.nx, grid.width / grid.ny]) * grid.scale
-    corners = np.column_stack(np.divmod(patched, grid.ny)) * size
+    corners = np.column_stack(np.divmod(elements, grid.ny)) * size
     around = np.arange(2 * (grid.per_x + grid.per_y))
     after = np.roll(around, -1)
     quads = np.column_stack([around, after, after + len(around), around + len(around)])  # outer rim, then inner rim
     parts = []
-    for rims, lift, colour in ((_FRAME_DARK, _LIFT, _DARK), (_FRAME_GOLD, 2.0 * _LIFT, _GOLD)):
+    for rims, lift, colour in rings:
         ring = np.vstack([_rim(size, grid.per_x, grid.per_y, rim * size.min()) for rim in rims])
         points = (corners[:, None] + ring).reshape(-1, 2)
-        each = np.arange(len(patched))[:, None, None] * len(ring)
+        each = np.arange(len(elements))[:, None, None] * len(ring)
         faces = _triangles((each + quads).reshape(-1, 4))
         colours = np.tile(colour, (len(points), 1))
         parts += [_Part(points, np.full(len(points), over), colours, faces) for over in (lift, -lift)]

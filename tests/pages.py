@@ -1,7 +1,9 @@
 """Pages that speak viser's websocket and draw nothing, and an explorer on a real server that a test ticks."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -16,7 +18,7 @@ from flutterviz.app import Explorer
 from flutterviz.clock import FRAME
 from flutterviz.rig import Rig, rig_of
 from flutterviz.session import Session
-from solver import load_design
+from solver import Design, load_design
 
 DESIGN = load_design("seed-840").with_reduction("patched", 8)  # quick to rebuild; the page does not know the modes
 
@@ -126,3 +128,17 @@ def centre(element: int) -> tuple[float, float]:
     """Middle of an element [scene units] on the square panel, whose side is 1."""
     i, j = divmod(element, DESIGN.mesh.ny)
     return (i + 0.5) / DESIGN.mesh.nx, (j + 0.5) / DESIGN.mesh.ny
+
+
+@contextmanager
+def served(design: Design) -> Iterator[Explorer]:
+    """An explorer on a port of its own, its loop in a thread."""
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    explorer = Explorer(Session(design), server)
+    loop = threading.Thread(target=explorer.run)
+    loop.start()
+    yield explorer
+    explorer.running = False
+    loop.join()
+    explorer.close()
+    server.stop()

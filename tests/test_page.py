@@ -1,18 +1,16 @@
 """The page in a real browser: the panel moves, the first click works, keys work, nothing covers the plate."""
 
 import shutil
-import threading
 import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-import viser
+from pages import served
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from flutterviz import colormap
 from flutterviz.app import Explorer
-from flutterviz.session import Session
 from solver import load_design
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -54,15 +52,8 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def explorer() -> Iterator[Explorer]:
     """The explorer on a port of its own, its loop in a thread."""
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    explorer = Explorer(Session(DESIGN), server)
-    loop = threading.Thread(target=explorer.run)
-    loop.start()
-    yield explorer
-    explorer.running = False
-    loop.join()
-    explorer.close()
-    server.stop()
+    with served(DESIGN) as explorer:
+        yield explorer
 
 
 @pytest.fixture(scope="module")
