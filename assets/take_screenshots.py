@@ -1,4 +1,4 @@
-"""Takes README's pictures: the explorer in flutter, under control, with a map, and a sweep. Needs Chromium."""
+"""Takes README's pictures: the explorer in flutter, controlled, with a map, searching; and a sweep. Needs Chromium."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def picture(page: Page) -> None:
-    """The panel in its limit cycle, some seconds into the control, and the NFCG beside Control tab and root locus."""
+    """The panel in its limit cycle, some seconds into the control, the NFCG beside the Control tab, a search's end."""
     page.get_by_text("Limit cycle").wait_for(timeout=60_000)
     page.locator(".mantine-Notification-closeButton").first.click(timeout=10_000)
     page.wait_for_timeout(15_000)
@@ -55,6 +55,15 @@ def picture(page: Page) -> None:
     page.mouse.move(700, 850)  # off the buttons, which explain themselves under the pointer
     page.wait_for_timeout(8_000)
     page.screenshot(path=HERE / "control.png")
+    page.get_by_role("tab", name="Panel").click()
+    page.get_by_role("button", name="w", exact=True).click()
+    page.get_by_role("tab", name="Search").click()
+    page.get_by_role("tab", name="Front").click()
+    page.get_by_role("button", name="Search", exact=True).click()
+    page.mouse.move(700, 850)
+    page.get_by_text(" sooner").wait_for(timeout=300_000)  # it has found better than the highest NFCG
+    page.wait_for_timeout(60_000)
+    page.screenshot(path=HERE / "search.png")
 
 
 if __name__ == "__main__":
