@@ -1,4 +1,4 @@
-"""Owns the compiled inner loop: fourth-order Runge-Kutta of the saturated closed loop in modal coordinates."""
+"""Owns classical Runge-Kutta steps of the closed loop, compiled, with delay and noise."""
 
 from __future__ import annotations
 
@@ -6,61 +6,10 @@ import numba
 import numpy as np
 
 from solver.mesh import Floats
-
-# Sums may be reordered so that they vectorise; NaN and infinity keep their meaning, divergence is detected by them.
-_FAST = {"reassoc", "contract", "nsz", "arcp"}
+from solver.products import FAST, fill_monomials, multiply
 
 
-@numba.njit(cache=True, fastmath=_FAST)
-def _large_deflection(x: Floats, quartic: Floats, cubic: Floats, pairs: Floats, stress: Floats, out: Floats) -> None:
-    """-f(q) into `out` (n,) at amplitudes with which `x` begins; the rest is work space."""
-    n = out.size
-    coupled = cubic.shape[0] > 0
-    p = 0
-    for r in range(n):
-        pairs[p] = x[r] * x[r]
-        p += 1
-        for s in range(r + 1, n):
-            pairs[p] = 2.0 * x[r] * x[s]
-            p += 1
-    p = 0
-    for r in range(n):
-        for s in range(r, n):
-            row = quartic[p]
-            total = 0.0
-            for k in range(row.size):
-                total += row[k] * pairs[k]
-            if coupled:
-                for k in range(n):
-                    total += cubic[p, k] * x[k]
-            stress[r, s] = total
-            stress[s, r] = total
-            p += 1
-    for r in range(n):
-        nonlinear = 0.0
-        for s in range(n):
-            nonlinear += stress[r, s] * x[s]
-        out[r] = -2.0 * nonlinear
-    if coupled:
-        for p in range(pairs.size):
-            for r in range(n):
-                out[r] -= pairs[p] * cubic[p, r]
-
-
-@numba.njit(cache=True, fastmath=_FAST)
-def _acceleration(x: Floats, linear: Floats, load: Floats, force: Floats, volts: Floats, out: Floats) -> None:
-    """Add what is linear in q̈ to `out` (n,) at a state that begins with (q, q̇), under voltages."""
-    n = out.size
-    for r in range(n):
-        total = load[r]
-        for k in range(2 * n):
-            total -= linear[r, k] * x[k]
-        for c in range(volts.size):
-            total += force[r, c] * volts[c]
-        out[r] += total
-
-
-@numba.njit(cache=True, fastmath=_FAST)
+@numba.njit(cache=True, fastmath=FAST)
 def _ask(x: Floats, gain: Floats, jitter: Floats, out: Floats) -> None:
     """What the controller asks for, -gain·x and noise, into `out` (channels,)."""
     for c in range(out.size):
@@ -93,12 +42,11 @@ def _recall(time: float, when: Floats, asked: Floats, known: int, place: int, ou
     return place
 
 
-@numba.njit(cache=True, fastmath=_FAST, nogil=True)
+@numba.njit(cache=True, fastmath=FAST, nogil=True)
 def integrate(
     state: Floats,
     linear: Floats,
-    quartic: Floats,
-    cubic: Floats,
+    table: Floats,
     load: Floats,
     force: Floats,
     gain: Floats,
@@ -123,8 +71,7 @@ def integrate(
     Args:
         state: (2n + m,) start (q, q̇, z), not changed.
         linear: (n, 2n) stiffness and damping side by side.
-        quartic: (pairs, pairs) G of the membrane's energy.
-        cubic: (pairs, n) H of it, or (0, n).
+        table: (n, monomials) of -f, as `polynomial.force_table` gives it.
         load: (n,) static force.
         force: (n, channels) modal force a volt.
         gain: (channels, 2n + m) what the controller asks for.
@@ -150,8 +97,7 @@ def integrate(
     stage = np.empty_like(x)
     rate = np.empty_like(x)
     total = np.empty_like(x)
-    pairs = np.empty(quartic.shape[0])
-    stress = np.empty((n, n))
+    products = np.empty(n * (n + 1) * (n + 2) // 6 + n * (n + 1) // 2)
     drive = np.zeros(channels)
     noise = np.zeros(channels + size - 2 * n)
     delayed = delay > 0.0 and channels > 0
@@ -178,8 +124,15 @@ def integrate(
                     drive[c] = min(max(drive[c], -limit), limit)
                 for k in range(n):
                     rate[k] = stage[n + k]
-                _large_deflection(stage, quartic, cubic, pairs, stress, rate[n : 2 * n])
-                _acceleration(stage, linear, load, force, drive, rate[n : 2 * n])
+                fill_monomials(stage, 0, n, products, 0)
+                multiply(table, products, 0, load, rate, n)
+                for r in range(n):
+                    change = 0.0
+                    for k in range(2 * n):
+                        change -= linear[r, k] * stage[k]
+                    for c in range(channels):
+                        change += force[r, c] * drive[c]
+                    rate[n + r] += change
                 for k in range(size - 2 * n):
                     change = noise[channels + k]
                     for c in range(channels):
@@ -211,8 +164,7 @@ def integrate(
 def integrate_free(
     state: Floats,
     linear: Floats,
-    quartic: Floats,
-    cubic: Floats,
+    table: Floats,
     load: Floats,
     step: float,
     substeps: int,
@@ -224,8 +176,7 @@ def integrate_free(
     return integrate(
         state,
         linear,
-        quartic,
-        cubic,
+        table,
         load,
         np.zeros((size // 2, 0)),
         no_channel,

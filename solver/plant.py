@@ -13,7 +13,6 @@ from solver.design import Design
 from solver.errors import DesignError
 from solver.flutter import (
     GROWTH_NOISE,
-    buckled,
     critical_pressure,
     leading_eigenvalue,
     stiffness_in_stream,
@@ -84,8 +83,9 @@ class Plant:
 
         So it is called even where the bare panel does not flutter either. A panel that is buckled is not passive.
         """
-        below = self.critical is None or self.stream.dynamic_pressure < self.critical[0]
-        return bool(self.channels) and below and not (self.flutters and buckled(self.model))
+        if not self.channels or self.flutters:
+            return False
+        return self.critical is None or self.stream.dynamic_pressure < self.critical[0]
 
     @property
     def flutters(self) -> bool:

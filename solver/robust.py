@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.course import Course
 from solver.limitcycle import LimitCycle, limit_cycle
 from solver.mesh import Floats
-from solver.simulate import MOST_SAMPLES, SAMPLES_A_PERIOD, Loop, Memory
-from solver.trace import quiet_from
+from solver.simulate import Loop, Memory
 
 PHASES = 8
+ABREAST = 2  # phases integrated at a time: as the kernel takes runs, and no more than need be where the first is loud
 LISTENING = 12  # periods for which an estimator has listened to the limit cycle when the controller is switched on
-LOOK = 4  # periods after which a run is looked at, and ended if it has been quiet for long or loud for too long
-QUIET, LONG = 0.1, 4  # of the limit, and looks: a stable linear motion of so little for so long stays below the limit
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,8 @@ def robust_damping(
         loop: plant and law; for a layout symmetric about y = b/2 in its symmetric modes, as the seed protocol runs.
         cycle: its limit cycle, if it is known.
         phases: how many.
-        within: time [s] after which the rest is of no interest: the first phase from which the panel is still loud
-            then, or by the end of the run, is the last one looked at, and NaN stands for it and the others.
+        within: time [s] after which the rest is of no interest: once a phase is found from which the panel is still
+            loud then, or by the end of the run, no others are looked at, and NaN stands for it and for them.
 
     Returns:
         The damping times; None where there is no flutter to damp: a stable or passive panel, or no limit cycle.
@@ -59,11 +58,14 @@ def robust_damping(
     if cycle is None:
         return None
     times, energies, peak = np.full(phases, np.nan), np.full(phases, np.nan), 0.0
-    for k, (state, memory) in enumerate(on_the_cycle(loop, cycle, phases)):
-        end = _end_of(loop, state, memory, math.inf if within is None else within)
-        times[k] = math.nan if end.time is None else end.time
-        energies[k], peak = end.energy, max(peak, end.peak)
-        if within is not None and end.time is None:
+    course = Course.of(loop)
+    starts = on_the_cycle(loop, cycle, phases)
+    for first in range(0, len(starts), ABREAST):
+        ends = course.ends(starts[first : first + ABREAST], within)
+        for k, end in enumerate(ends, first):
+            times[k] = math.nan if end.time is None else end.time
+            energies[k], peak = end.energy, max(peak, end.peak)
+        if within is not None and any(end.time is None for end in ends):
             break
     return RobustDamping(times, energies, peak)
 
@@ -85,15 +87,17 @@ def on_the_cycle(loop: Loop, cycle: LimitCycle, phases: int) -> list[tuple[Float
     only nearly periodic, they are instants of what it does next.
     """
     state, memory = cycle.state, Memory.blank(loop.law)
+    half = 1 / (2 * phases * cycle.frequency)  # from one phase to the next twice this or, between the halves, thrice
     if loop.law.memory:
-        states, _, memory = loop.advance(state, memory, 1 / cycle.frequency, LISTENING, engaged=False)
-        state = states[-1] if len(states) == LISTENING else cycle.state
+        count = LISTENING * 2 * phases
+        ((states, _, memory),) = loop.run([(state, memory)], half, count, engaged=False)
+        state = states[-1] if len(states) == count else cycle.state
     found = []
     for k in range(phases):
         found.append((state, memory))
-        ahead = 1.5 if 2 * (k + 1) == phases else 1.0
-        states, _, memory = loop.advance(state, memory, ahead / (phases * cycle.frequency), 1, engaged=False)
-        if not len(states):
+        count = 3 if 2 * (k + 1) == phases else 2
+        ((states, _, memory),) = loop.run([(state, memory)], half, count, engaged=False)
+        if len(states) < count:
             break
         state = states[-1]
     return found
@@ -105,48 +109,3 @@ def _cycle(loop: Loop, cycle: LimitCycle | None) -> LimitCycle | None:
         return None
     cycle = cycle or limit_cycle(loop)
     return cycle if cycle is not None and cycle.frequency > 0 else None
-
-
-@dataclass(frozen=True)
-class _End:
-    """How a run under control ended."""
-
-    time: float | None
-    """Damping time [s]; None if it was not damped, or not in time."""
-    energy: float
-    """∫ VᵀV dt until then [V²·s]."""
-    peak: float
-    """Largest |V| [V]."""
-
-
-def _end_of(loop: Loop, state: Floats, memory: Memory, within: float) -> _End:
-    """Run from a state on, the controller at work, until quiet, or loud for longer than `within` [s]."""
-    plant, run = loop.plant, loop.plant.design.run
-    span = run.duration - run.control_on
-    samples = min(math.ceil(span * SAMPLES_A_PERIOD / plant.period), MOST_SAMPLES)
-    sample = span / samples
-    shapes = plant.model.coarse.T / plant.design.panel.thickness
-    ends = loop.growth.real < 0 and not loop.law.hears_noise
-    largest, power = [np.abs(state[None, : plant.size] @ shapes).max(axis=1)], [np.zeros(1)]
-    peak, calm = 0.0, 0
-    for first in range(0, samples, LOOK * SAMPLES_A_PERIOD):
-        count = min(LOOK * SAMPLES_A_PERIOD, samples - first)
-        states, volts, memory = loop.advance(state, memory, sample, count, engaged=True)
-        peak = max(peak, float(np.abs(volts).max(initial=0.0)))
-        power.append((volts**2).sum(axis=1))
-        if len(states) < count:
-            return _End(None, math.nan, peak)
-        state = states[-1]
-        largest.append(np.abs(states[:, : plant.size] @ shapes).max(axis=1))
-        loud = np.flatnonzero(~(largest[-1] < run.settled))
-        if len(loud) and (first + 1 + loud[-1]) * sample > within:
-            return _End(None, math.nan, peak)
-        calm = calm + 1 if largest[-1].max() < QUIET * run.settled else 0
-        if ends and calm == LONG:
-            break
-    time = quiet_from(sample * np.arange(sum(len(part) for part in largest)), np.concatenate(largest), run.settled)
-    spent = np.concatenate(power)
-    spent[0] = spent[1]  # at the instant of switching on, where nothing has been sampled yet
-    if time is not None:
-        spent = spent[: round(time / sample) + 1]
-    return _End(time, float(np.trapezoid(spent, dx=sample)), peak)

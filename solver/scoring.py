@@ -11,6 +11,7 @@ import scipy.linalg
 
 from solver.aerodynamics import Stream
 from solver.authority import nfcg
+from solver.course import Ear, seed_damping_time
 from solver.design import Design
 from solver.flutter import GROWTH_NOISE, buckled
 from solver.holding import stabilises_up_to, stable, suppresses_up_to
@@ -23,9 +24,9 @@ from solver.plant import Plant
 from solver.ranking import design_with
 from solver.robust import robust_damping
 from solver.score import Score, State, linear_part
-from solver.simulate import Loop, loop_if_any, seed_protocol
+from solver.simulate import Loop, loop_if_any
 from solver.task import Task
-from solver.trace import probe_shapes, quiet_from
+from solver.trace import probe_shapes
 
 MOST_LOOKS = 4000  # at a linear estimate, however long the run is
 FAILURES = (ArithmeticError, ValueError, RuntimeError)  # of one layout, which must not end a search of thousands
@@ -148,16 +149,14 @@ def linear_damping_time(
     thickness = plant.design.panel.thickness
     mode = mode * (amplitude * thickness / max(abs(probe_shapes(plant) @ mode[:n]), 1e-300))
     turns = np.exp(1j * np.pi * np.arange(HALF_TURNS) / HALF_TURNS)
-    x = np.real(mode[:, None] * turns)
-    step = scipy.linalg.expm(closed_loop(plant, loop.law) * sample)
-    shapes = plant.model.coarse / thickness
-    count = int(span / sample) + 1
-    largest = np.empty(count)
-    for k in range(count):
-        largest[k] = np.abs(shapes @ x[:n]).max()
-        x = step @ x
-    time = quiet_from(sample * np.arange(count), largest, run.settled)
-    return span if time is None else time
+    x = np.real(mode[:, None] * turns).T[None]  # (samples, turns, 2n)
+    step, count = scipy.linalg.expm(closed_loop(plant, loop.law) * sample).T, int(span / sample) + 1
+    while len(x) < count:  # as many again, by a power of the step that doubles with them
+        x, step = np.concatenate([x, x @ step]), step @ step
+    loud = Ear.of(loop).loud(x[:count].reshape(-1, 2 * n)).reshape(count, -1)
+    above = np.flatnonzero(loud.any(axis=1))
+    quiet = int(above[-1]) + 1 if len(above) else 0
+    return span if quiet == count else sample * quiet
 
 
 def hopeless(task: Task, score: Score, bound: float | None) -> bool:
@@ -210,7 +209,7 @@ def _at_own(whole: Plant, task: Task, score: Score, bound: float | None) -> Scor
     """By damping time or energy, at the design's λ."""
     loop = Loop.of(whole.symmetric())
     by_seed = task.objective == "seed"
-    seed = seed_protocol(loop).damping_time if by_seed else None
+    seed = seed_damping_time(loop) if by_seed else None
     if by_seed and (seed is None or (bound is not None and seed > bound)):
         return msgspec.structs.replace(score, state="not suppressed")
     cycle = limit_cycle(loop)
@@ -221,7 +220,7 @@ def _at_own(whole: Plant, task: Task, score: Score, bound: float | None) -> Scor
     worst = robust.worst if robust else None
     if worst is None and not by_seed:
         return msgspec.structs.replace(score, state="not suppressed")
-    seed = seed if by_seed else seed_protocol(loop).damping_time
+    seed = seed if by_seed else seed_damping_time(loop)
     energy = float(robust.energies.max()) if robust and worst is not None else None
     return msgspec.structs.replace(
         score,

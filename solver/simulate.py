@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,17 +14,19 @@ from numpy.typing import NDArray
 from solver.controllers import law_of
 from solver.errors import ControlError
 from solver.flutter import leading_eigenvalue
-from solver.kernel import integrate
 from solver.law import Law, closed_loop, extended, line_nodes
 from solver.mesh import Floats
 from solver.plant import Plant
+from solver.polynomial import force_table
+from solver.propagator import Propagator
 from solver.trace import Trace
 
-SAMPLES_A_PERIOD = 32  # of a run, in a period of the flat panel's leading root
+SAMPLES_A_PERIOD = 40  # of a run, in a period of the flat panel's leading root
 MOST_SAMPLES = 400_000  # of a run; a tiny panel's is sampled more coarsely, not integrated so
-STEP_HIGHEST = 0.5  # step times the highest natural frequency; Runge-Kutta is stable to 2.8
+STEP_HIGHEST = 0.5  # classical step times the highest natural frequency; Runge-Kutta is stable to 2.8
 # Step times the lowest: a step loses (ωh)⁶/72 of a mode's energy, at 0.03 so 2e-7 of the first mode's in 100 periods
 STEP_LOWEST = 0.03
+LONGER = 2.5  # times as long as the classical step is an exponential one, which has no such loss, and a smaller error
 COUPLED = 0.5  # of that step where B ≠ 0: there any deflection moves the high modes, which lose energy first
 STEP_FASTEST = 1.0  # step times the fastest pole that the controller brings; those decay, and Runge-Kutta is stable
 STIFFEST = 30.0  # times shorter than the panel's own a step may be made by that
@@ -53,6 +56,10 @@ class Memory:
     def fits(self, law: Law) -> bool:
         """Whether a law could go on from here: with as many states of its own and as many channels."""
         return len(self.own) == law.memory and self.asked.shape[1] == len(law.gain)
+
+
+Stretch = tuple[Floats, Floats, Memory]
+"""States (samples, 2n), voltages (samples, channels), and what the controller remembers at the end."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +105,14 @@ class Loop:
         """Leading pole of the closed loop: growth rate [1/s] + i·frequency [rad/s]."""
         return leading_eigenvalue(closed_loop(self.plant, self.law))
 
+    @cached_property
+    def table(self) -> Floats:
+        """(n, monomials) the law of large deflection as a polynomial, as `polynomial.force_table` gives it."""
+        return force_table(self.plant.model.membrane)
+
     @property
     def _panel_step(self) -> float:
-        """Longest time step that the panel's motion allows [s]."""
+        """Longest classical time step that the panel's motion allows [s]."""
         lowest, highest = self.plant.model.band
         return min(STEP_HIGHEST / highest, STEP_LOWEST / lowest)
 
@@ -115,10 +127,22 @@ class Loop:
 
     @cached_property
     def _step(self) -> float:
-        """Longest time step [s] that all motions of panel and controller allow."""
+        """Longest classical time step [s] that all motions of panel and controller allow."""
         step = self._panel_step * (COUPLED if len(self.plant.model.membrane.cubic) else 1.0)
         step = min(step, STEP_FASTEST / max(self._fastest, 1e-300))
         return min(step, self.law.delay) if self.law.delay else step
+
+    @cached_property
+    def _long_step(self) -> float:
+        """Longest exponential time step [s]: of a gain, what it feeds back is all that is not in the exponential."""
+        if self.law.memory:  # an estimator may be fast, and what drives it is outside as well
+            return self._step
+        step = LONGER * self._panel_step * (COUPLED if len(self.plant.model.membrane.cubic) else 1.0)
+        _, b, k = extended(self.plant, self.law)
+        n = self.plant.size
+        feedback = -b @ k
+        feedback[:n, n : 2 * n] += np.eye(n)  # it may drive what has no stiffness of its own as fast as this
+        return min(step, STEP_FASTEST / max(float(np.abs(np.linalg.eigvals(feedback)).max()), 1e-300))
 
     def stretch(self, state: Floats, sample: float, samples: int, engaged: bool) -> tuple[Floats, Floats]:
         """Integrate from a state, with a controller that is just being set up.
@@ -133,23 +157,87 @@ class Loop:
             States (samples, 2n) and voltages (samples, channels) after each interval; shorter if the motion diverged.
         """
         law = self.law if engaged else Law.idle(self.plant)
-        return self._integrated(state, Memory.blank(law), law, sample, samples)[:2]
+        return self._run([(state, Memory.blank(law))], law, sample, samples)[0][:2]
 
-    def advance(
-        self, state: Floats, memory: Memory, sample: float, samples: int, engaged: bool
-    ) -> tuple[Floats, Floats, Memory]:
-        """As `stretch`, and with what the controller remembers; disengaged, it goes on listening.
+    def run(self, starts: Sequence[tuple[Floats, Memory]], sample: float, samples: int, engaged: bool) -> list[Stretch]:
+        """As `stretch` from several states, and with what the controller remembers; disengaged, it goes on listening.
+
+        Two side by side take less than twice as long as one.
 
         Returns:
-            States, voltages, and the memory at the end.
+            For each, states, voltages, and the memory at the end.
         """
-        law = self.law if engaged else dataclasses.replace(self.law.scaled(0.0), delay=0.0)
-        return self._integrated(state, memory, law, sample, samples)
+        return self._run(starts, self.law if engaged else self._listening, sample, samples)
 
-    def _integrated(
-        self, state: Floats, memory: Memory, law: Law, sample: float, samples: int
-    ) -> tuple[Floats, Floats, Memory]:
-        """States (samples, 2n), voltages (samples, channels) and the memory after samples under a law."""
+    def advance(self, state: Floats, memory: Memory, sample: float, samples: int, engaged: bool) -> Stretch:
+        """As `run` from one state, by classical steps: for stretches too short to make exponentials for."""
+        return self._classical(state, memory, self.law if engaged else self._listening, sample, samples)
+
+    @cached_property
+    def _listening(self) -> Law:
+        """The law disengaged."""
+        return dataclasses.replace(self.law.scaled(0.0), delay=0.0)
+
+    def _run(self, starts: Sequence[tuple[Floats, Memory]], law: Law, sample: float, samples: int) -> list[Stretch]:
+        if law.delay or law.hears_noise:
+            return [self._classical(state, memory, law, sample, samples) for state, memory in starts]
+        return self._exponential(starts, law, sample, samples)
+
+    def _exponential(
+        self, starts: Sequence[tuple[Floats, Memory]], law: Law, sample: float, samples: int
+    ) -> list[Stretch]:
+        """By exponential steps, for a law without delay and noise."""
+        from solver.exponential import Forces, integrate_runs, weights_of  # here, because numba takes long to start
+
+        plant, n, m = self.plant, self.plant.size, law.memory
+        substeps = self.steps_of(sample)
+        own = self._propagator(law, sample / substeps)
+        first = np.array([np.concatenate([state, memory.own]) for state, memory in starts])
+        states = np.empty((len(starts), samples, 2 * n + m))
+        volts = np.empty((len(starts), samples, len(law.gain)))
+        forces = Forces(
+            self.table,
+            plant.model.load,
+            np.ascontiguousarray(plant.force),
+            np.ascontiguousarray(law.driven),
+            np.hstack([law.direct(plant.force), law.reading]),
+            law.limit,
+        )
+        integrate_runs(first, *weights_of(own), forces, substeps, states, volts)
+        found = []
+        for x, v, (_, memory) in zip(states, volts, starts, strict=True):
+            finite = int(np.isfinite(x).all(axis=1).sum())  # nothing becomes finite again
+            own = x[finite - 1, 2 * n :].copy() if finite else memory.own
+            kept = Memory(own, np.zeros(0), np.zeros((0, len(law.gain))), memory.drawn)
+            found.append((x[:finite, : 2 * n], v[:finite], kept))
+        return found
+
+    def _propagator(self, law: Law, step: float) -> Propagator:
+        """The exponentials of a step of the panel and the controller's own states; kept, as stretches are alike."""
+        n, m = self.plant.size, law.memory
+        key = (m, step)
+        if key not in self._propagators:
+            a = np.zeros((2 * n + m, 2 * n + m))
+            a[:n, n : 2 * n] = np.eye(n)
+            a[n : 2 * n, : 2 * n] = -self.linear
+            a[2 * n :, :n] = law.sensed @ self.plant.force.T
+            a[2 * n :, 2 * n :] = law.own
+            b = np.eye(2 * n + m)[:, n:]
+            self._propagators[key] = Propagator.of(a, b, step)
+        return self._propagators[key]
+
+    def steps_of(self, sample: float) -> int:
+        """Number of exponential steps from one sample to the next, a time [s] later."""
+        return max(1, math.ceil(sample / self._long_step))
+
+    @cached_property
+    def _propagators(self) -> dict[tuple[int, float], Propagator]:
+        return {}
+
+    def _classical(self, state: Floats, memory: Memory, law: Law, sample: float, samples: int) -> Stretch:
+        """By classical Runge-Kutta steps, with delay and noise where the law has them."""
+        from solver.kernel import integrate  # here, because numba takes long to start
+
         plant, n = self.plant, self.plant.size
         substeps = max(1, math.ceil(sample / self._step))
         step = sample / substeps
@@ -173,8 +261,7 @@ class Loop:
             finite = integrate(
                 x,
                 self.linear,
-                plant.model.membrane.quartic,
-                plant.model.membrane.cubic,
+                self.table,
                 plant.model.load,
                 np.ascontiguousarray(plant.force),
                 np.ascontiguousarray(gain),
@@ -242,19 +329,32 @@ def seed_protocol(loop: Loop) -> Trace:
     A controller that estimates the motion listens from the start.
     """
     run = loop.plant.design.run
-    start = first_mode_at_rest(loop.plant, run.initial_amplitude * loop.plant.design.panel.thickness)
-    sample = max(loop.plant.period / SAMPLES_A_PERIOD, run.duration / MOST_SAMPLES)
-    # samples are equally spaced and t_on is one of them (the end, where t_on is the start)
-    span = run.control_on or run.duration
-    sample = span / math.ceil(span / sample)
-    free, rest = round(run.control_on / sample), round((run.duration - run.control_on) / sample)
-    before, idle, memory = loop.advance(start, Memory.blank(loop.law), sample, free, engaged=False)
+    start, sample, free = seed_start(loop)
+    rest = round((run.duration - run.control_on) / sample)
+    before, idle, memory = until_on(loop)
     states, volts = [start[None], before], [np.zeros((1, idle.shape[1])), idle]
     if len(before) == free:
-        after, driven, _ = loop.advance(before[-1] if free else start, memory, sample, rest, engaged=True)
+        ((after, driven, _),) = loop.run([(before[-1] if free else start, memory)], sample, rest, engaged=True)
         states.append(after)
         volts.append(driven)
     states = np.concatenate(states)
     return Trace(
         loop.plant, sample * np.arange(len(states)), states, np.concatenate(volts), len(states) == free + rest + 1
     )
+
+
+def until_on(loop: Loop) -> Stretch:
+    """The seed protocol up to t_on, without its start; shorter if the motion diverged."""
+    start, sample, free = seed_start(loop)
+    return loop.run([(start, Memory.blank(loop.law))], sample, free, engaged=False)[0]
+
+
+def seed_start(loop: Loop) -> tuple[Floats, float, int]:
+    """State (2n,) at the start of the seed protocol, time between samples [s] and their number up to t_on."""
+    run = loop.plant.design.run
+    start = first_mode_at_rest(loop.plant, run.initial_amplitude * loop.plant.design.panel.thickness)
+    sample = max(loop.plant.period / SAMPLES_A_PERIOD, run.duration / MOST_SAMPLES)
+    # samples are equally spaced and t_on is one of them (the end, where t_on is the start)
+    span = run.control_on or run.duration
+    sample = span / math.ceil(span / sample)
+    return start, sample, round(run.control_on / sample)

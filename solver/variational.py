@@ -5,15 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
-from solver.kernel import integrate_free
 from solver.mesh import Floats, Ints
 from solver.plant import Plant
-
-# As in kernel.py: sums may be reordered so that they vectorise; NaN and infinity keep their meaning.
-_FAST = {"reassoc", "contract", "nsz", "arcp"}
+from solver.polynomial import force_table
 
 # Step times the highest natural frequency. Runge-Kutta damps that mode by its fifth power over 144 a radian, 1e-7, and
 # turns it too slowly by its fourth over 120, 1e-6, and the modes that carry a cycle a thousand times less: volumes in
@@ -22,125 +18,16 @@ _FAST = {"reassoc", "contract", "nsz", "arcp"}
 STEP_OMEGA = 0.1
 
 
-@numba.njit(cache=True, fastmath=_FAST)
-def _membrane(
-    q: Floats, spread: Floats, cubic: Floats, index: Ints, slope: Floats, stress: Floats, force: Floats, tangent: Floats
-) -> None:
-    """The membrane's force into `force` (n,) and its tangent stiffness into `tangent` (n, n) at amplitudes q (n,).
-
-    `slope` (pairs, n) is the work space for the derivative of the pairs' stresses by q, `stress` (pairs,) for these.
-    """
-    n = q.size
-    coupled = cubic.shape[0] > 0
-    for p in range(stress.size):
-        total = 0.0
-        for k in range(n):
-            row = 0.0
-            for s in range(n):
-                row += spread[p, k, s] * q[s]
-            slope[p, k] = 2.0 * row
-            total += row * q[k]
-        if coupled:
-            for k in range(n):
-                total += cubic[p, k] * q[k]
-                slope[p, k] += cubic[p, k]
-        stress[p] = total
-    for k in range(n):
-        total = 0.0
-        for s in range(n):
-            total += stress[index[k, s]] * q[s]
-            tangent[k, s] = 2.0 * stress[index[k, s]]
-        force[k] = 2.0 * total
-    for k in range(n):
-        for s in range(n):
-            p = index[k, s]
-            for j in range(n):
-                tangent[k, j] += 2.0 * q[s] * slope[p, j]
-            if coupled:
-                for j in range(n):
-                    tangent[j, k] += 2.0 * q[s] * cubic[p, j]
-                    force[j] += q[k] * q[s] * cubic[p, j]
-
-
-@numba.njit(cache=True, fastmath=_FAST, nogil=True)
-def propagate(
-    state: Floats,
-    deviations: Floats,
-    linear: Floats,
-    spread: Floats,
-    cubic: Floats,
-    index: Ints,
-    load: Floats,
-    step: float,
-    steps: int,
-) -> None:
-    """Integrate q̈ = load - linear·(q, q̇) - f(q) and its variational equation by classical Runge-Kutta, in place.
-
-    Both take the same stages, so that the deviations are those of the computed motion, exactly.
-
-    Args:
-        state: (2n,) start, overwritten by the end.
-        deviations: (2n, m) small deviations from it, overwritten likewise.
-        linear: (n, 2n) stiffness and damping side by side.
-        spread: (pairs, n, n) G of the membrane's energy, its second pair written as a square.
-        cubic: (pairs, n) H of it, or (0, n).
-        index: (n, n) number of the pair of each two modes.
-        load: (n,) static force.
-        step: time step [s].
-        steps: how many.
-    """
-    n = state.size // 2
-    m = deviations.shape[1]
-    stage, rate, total = state.copy(), np.empty_like(state), np.empty_like(state)
-    d_stage, d_rate, d_total = deviations.copy(), np.empty_like(deviations), np.empty_like(deviations)
-    slope, stress = np.empty((spread.shape[0], n)), np.empty(spread.shape[0])
-    force, tangent = np.empty(n), np.empty((n, n))
-    for _ in range(steps):
-        for k in range(2 * n):
-            stage[k] = state[k]
-            total[k] = 0.0
-            for j in range(m):
-                d_stage[k, j] = deviations[k, j]
-                d_total[k, j] = 0.0
-        for phase in range(4):
-            _membrane(stage[:n], spread, cubic, index, slope, stress, force, tangent)
-            for r in range(n):
-                rate[r] = stage[n + r]
-                sum_r = 0.0
-                for k in range(2 * n):
-                    sum_r += linear[r, k] * stage[k]
-                rate[n + r] = load[r] - sum_r - force[r]
-                for j in range(m):
-                    d_rate[r, j] = d_stage[n + r, j]
-                    d_rate[n + r, j] = 0.0
-                for k in range(2 * n):
-                    factor = linear[r, k] + (tangent[r, k] if k < n else 0.0)
-                    for j in range(m):
-                        d_rate[n + r, j] -= factor * d_stage[k, j]
-            weight = step / 6.0 if phase == 0 or phase == 3 else step / 3.0
-            reach = step if phase == 2 else 0.5 * step
-            for k in range(2 * n):
-                total[k] += weight * rate[k]
-                stage[k] = state[k] + reach * rate[k]
-                for j in range(m):
-                    d_total[k, j] += weight * d_rate[k, j]
-                    d_stage[k, j] = deviations[k, j] + reach * d_rate[k, j]
-        for k in range(2 * n):
-            state[k] += total[k]
-            for j in range(m):
-                deviations[k, j] += d_total[k, j]
-
-
 @dataclass(frozen=True)
 class FlowMap:
     """The uncontrolled panel's motion as a map from states to states, with its derivative."""
 
     linear: Floats
     """(n, 2n) K and C side by side [1/s², 1/s]."""
-    quartic: Floats
-    """(pairs, pairs) G of the membrane's energy [J per (kg·m²)²]."""
+    table: Floats
+    """(n, monomials) the cubic law as `polynomial.force_table` gives it [N/√kg per (m·√kg)³]."""
     spread: Floats
-    """(pairs, n, n) G, its second pair written as a square [J per (kg·m²)²]."""
+    """(pairs, n, n) G of the membrane's energy, its second pair written as a square [J per (kg·m²)²]."""
     cubic: Floats
     """(pairs, n) H, or (0, n) [J per (kg·m²)^1.5]."""
     index: Ints
@@ -161,7 +48,7 @@ class FlowMap:
         index[r, s] = index[s, r] = np.arange(len(r))
         return FlowMap(
             linear=np.hstack([plant.stiffness, plant.damping]),
-            quartic=law.quartic,
+            table=force_table(law),
             spread=np.ascontiguousarray(law.quartic[:, index]),
             cubic=np.ascontiguousarray(law.cubic),
             index=index,
@@ -188,6 +75,8 @@ class FlowMap:
         Returns:
             New arrays of the same shapes; not finite where the motion diverged.
         """
+        from solver.deviations import propagate  # here, because numba is slow to import
+
         steps = steps or self.steps(time)
         state, deviations = state.copy(), np.array(deviations, dtype=float, order="C")
         propagate(
@@ -205,10 +94,12 @@ class FlowMap:
 
     def moved(self, state: Floats, time: float, steps: int | None = None) -> Floats:
         """State (2n,) a time [s] later, by the same steps as `advance`; not finite where the motion diverged."""
+        from solver.kernel import integrate_free  # here, because numba is slow to import
+
         steps = steps or self.steps(time)
         n = len(self.load)
         end = np.full((1, 2 * n), np.nan)
-        integrate_free(state, self.linear, self.quartic, self.cubic, self.load, time / steps, steps, end)
+        integrate_free(state, self.linear, self.table, self.load, time / steps, steps, end)
         return end[0]
 
     def norm(self, state: Floats) -> float:
@@ -234,9 +125,11 @@ class FlowMap:
 
     def _local(self, state: Floats) -> tuple[Floats, Floats]:
         """Time derivative (2n,) of a state and the membrane's tangent stiffness (n, n) there."""
+        from solver.deviations import membrane  # here, because numba is slow to import
+
         n, pairs = len(self.load), len(self.spread)
         force, tangent = np.empty(n), np.empty((n, n))
-        _membrane(
+        membrane(
             state[:n],
             self.spread,
             self.cubic,

@@ -68,9 +68,9 @@ def test_a_phase_is_an_independent_run_from_its_state() -> None:
         run, _ = loop.stretch(state, sample, 4000, engaged=True)
         above = np.flatnonzero(largest(of, run) >= of.design.run.settled)
         assert (above[-1] + 2) * sample == pytest.approx(time, abs=of.period / 32 + sample)
-    # the phases are thirds of a period apart
+    # the phases are thirds of a period apart, by steps of another length
     (third,), _ = loop.stretch(states[0][0], 1 / (3 * cycle.frequency), 1, engaged=False)
-    assert np.abs((third - states[1][0]) * balance(of)).max() < 1e-9 * np.abs(third * balance(of)).max()
+    assert np.abs((third - states[1][0]) * balance(of)).max() < 2e-5 * np.abs(third * balance(of)).max()
 
 
 def test_an_estimator_has_listened_to_the_cycle() -> None:

@@ -48,7 +48,7 @@ def test_the_seed_by_its_worst_phase() -> None:
     score = measured(seed, Task(), seed.patches.elements)
     assert score.state == "suppressed"
     # what `flutterviz control seed-840` prints, to the digits that it prints
-    assert score.value == score.robust_damping_time_s == pytest.approx(0.1250, abs=5e-5)
+    assert score.value == score.robust_damping_time_s == pytest.approx(0.1267, abs=5e-5)
     assert score.channels == 1
     assert score.peak_voltage_v == 228.6
     assert score.estimate is not None
@@ -63,7 +63,9 @@ def test_robust_and_seed_are_those_of_the_facts() -> None:
     assert robust.value == pytest.approx(facts().robust_damping_time_s, abs=1.01 * sample)
     assert robust.mean_damping_time_s == pytest.approx(facts().mean_damping_time_s, abs=1.01 * sample)
     run, _ = run_facts(PATCHED)
-    assert seed.value == robust.damping_time_s == run.damping_time_s == facts().damping_time_s
+    assert seed.value == robust.damping_time_s
+    assert run.damping_time_s == facts().damping_time_s
+    assert seed.value == pytest.approx(run.damping_time_s, rel=1e-12)  # the same sample: multiples add up otherwise
     # every figure but the objective is the same, whatever it is
     assert msgspec.structs.replace(robust, value=seed.value) == seed
     assert robust.lambda_cr == facts().lambda_cr
@@ -89,16 +91,16 @@ def test_a_reach_that_linear_theory_rules_out_is_not_run() -> None:
 
 
 def test_energy_is_the_integral_of_the_squared_voltage() -> None:
-    """By plain sums over runs of its own, from the same phases on, with a sample of a tenth of a millisecond."""
+    """By plain sums over runs of its own, from the same phases on, with a sample of a hundredth of a millisecond."""
     score = measured(DESIGN, Task(objective="energy"), LAYOUT)
     loop, found, robust = cycle()
     assert score.value == score.control_energy_v2s == robust.energies.max()
-    sample, energies = 1e-4, []
+    sample, energies = 1e-5, []
     for (state, memory), time in zip(on_the_cycle(loop, found, 8), robust.times, strict=True):
         _, volts, _ = loop.advance(state, memory, sample, round(time / sample), engaged=True)
         energies.append(sample * float((volts**2).sum()))
-    # the first volts, where the sum has no sample, and half a sample at either end: some tenths of the 30 in a period
-    np.testing.assert_allclose(robust.energies, energies, rtol=0.05)
+    # trapezia of 0.15 ms, as the run is sampled, over a voltage that falls from its limit within a millisecond
+    np.testing.assert_allclose(robust.energies, energies, rtol=0.02)
 
 
 def test_the_seed_protocol_spends_about_as_much() -> None:
@@ -195,7 +197,7 @@ def test_within_ends_at_the_first_phase_that_takes_longer() -> None:
         short = robust_damping(loop, found, within=within)
         assert short is not None
         late = np.flatnonzero(times > within)
-        kept = late[0] if len(late) else 8
+        kept = late[0] - late[0] % 2 if len(late) else 8  # phases are run two at a time
         np.testing.assert_array_equal(short.times[:kept], times[:kept])
         np.testing.assert_array_equal(short.energies[:kept], robust.energies[:kept])
         assert np.isnan(short.times[kept:]).all()
@@ -213,8 +215,8 @@ def test_within_the_whole_run_stops_at_what_is_never_damped() -> None:
     assert robust is not None
     assert robust.worst is None
     assert np.isnan(robust.times).all()
-    assert np.isfinite(robust.energies[0])  # what was spent until the end, of the one phase that was run
-    assert np.isnan(robust.energies[1:]).all()
+    assert np.isfinite(robust.energies[:2]).all()  # what was spent until the end, of the two phases that were run
+    assert np.isnan(robust.energies[2:]).all()
 
 
 def test_hopeless_is_what_linear_theory_puts_far_beyond_the_bound() -> None:

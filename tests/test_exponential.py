@@ -1,0 +1,258 @@
+"""Exponential steps: against classical ones that are much shorter, their order, and runs side by side."""
+
+import dataclasses
+
+import msgspec
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+import scipy.special
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from solver import Loop, Plant, first_mode_at_rest, load_design
+from solver.exponential import Forces, integrate_runs, weights_of
+from solver.mesh import Floats
+from solver.polynomial import force_table, monomials
+from solver.propagator import PARTS, Propagator
+from solver.simulate import SAMPLES_A_PERIOD, Memory
+from solver.vonkarman import LargeDeflection, membrane_force
+
+SEED = Plant.of(load_design("seed-840").with_reduction("patched", 8))
+
+
+def random_law(rng: np.random.Generator, modes: int, coupled: bool) -> LargeDeflection:
+    pairs = modes * (modes + 1) // 2
+    root = rng.standard_normal((pairs, pairs))
+    return LargeDeflection(root @ root.T, rng.standard_normal((pairs, modes)) if coupled else np.zeros((0, modes)))
+
+
+@given(st.integers(1, 9), st.booleans(), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_the_polynomial_is_the_plain_law(modes: int, coupled: bool, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    law, q = random_law(rng, modes, coupled), rng.standard_normal(modes)
+    table = force_table(law)
+    cubes, squares = modes * (modes + 1) * (modes + 2) // 6, modes * (modes + 1) // 2
+    assert table.shape == (modes, cubes + (squares if coupled else 0))
+    size = np.abs(table) @ np.abs(monomials(q, coupled))  # of the sums before they cancel: rounding is relative to it
+    np.testing.assert_allclose(table @ monomials(q, coupled), -membrane_force(law, q), rtol=0, atol=1e-13 * size.max())
+
+
+@dataclasses.dataclass(frozen=True)
+class System:
+    """ẋ = A x + B p(x), random."""
+
+    a: Floats
+    law: LargeDeflection
+    forces: Forces
+
+    @staticmethod
+    def random(seed: int, modes: int, channels: int, memory: int, coupled: bool) -> "System":
+        rng = np.random.default_rng(seed)
+        law, size = random_law(rng, modes, coupled), 2 * modes + memory
+        a = rng.standard_normal((size, size))
+        a[:modes] = 0.0
+        a[:modes, modes : 2 * modes] = np.eye(modes)
+        forces = Forces(
+            force_table(law),
+            rng.standard_normal(modes),
+            rng.standard_normal((modes, channels)),
+            rng.standard_normal((memory, channels)),
+            rng.standard_normal((channels, size)),
+            0.3,  # about half the voltages are cut
+        )
+        return System(a, law, forces)
+
+    @property
+    def inputs(self) -> Floats:
+        n = len(self.forces.load)
+        return np.eye(len(self.a))[:, n:]
+
+    def volts(self, x: Floats) -> Floats:
+        return np.clip(-self.forces.gain @ x, -self.forces.limit, self.forces.limit)
+
+    def nonlinear(self, x: Floats) -> Floats:
+        """(F,) p(x), in plain numpy."""
+        n, volts = len(self.forces.load), self.volts(x)
+        rates = self.forces.load - membrane_force(self.law, x[:n]) + self.forces.force @ volts
+        return np.concatenate([rates, self.forces.driven @ volts])
+
+    def moved(self, x: Floats, step: float, substeps: int, samples: int) -> tuple[Floats, Floats]:
+        """States and voltages after each sample, of runs (runs, S)."""
+        states = np.empty((len(x), samples, x.shape[1]))
+        volts = np.empty((len(x), samples, len(self.forces.gain)))
+        own = Propagator.of(self.a, self.inputs, step)
+        integrate_runs(x, *weights_of(own), self.forces, substeps, states, volts)
+        return states, volts
+
+
+def phi(matrix: Floats, order: int) -> Floats:
+    """φ_k of a matrix by its series: Σ Zʲ / (j + k)!"""
+    term, total = np.eye(len(matrix)) / scipy.special.factorial(order), np.zeros_like(matrix)
+    for k in range(60):
+        total = total + term
+        term = term @ matrix / (order + k + 1)
+    return total
+
+
+def reference_step(system: System, x: Floats, h: float) -> Floats:
+    """ETD4RK as Cox and Matthews write it, in plain numpy; parted where a voltage meets or leaves its limit."""
+    y, kinked = etd4rk(system, x, h)
+    if not kinked:
+        return y
+    for _ in range(PARTS):
+        x, _ = etd4rk(system, x, h / PARTS)
+    return x
+
+
+def etd4rk(system: System, x: Floats, h: float) -> tuple[Floats, bool]:
+    z, b = h * system.a, system.inputs
+    half, kick = scipy.linalg.expm(z / 2), h / 2 * phi(z / 2, 1) @ b
+    first = system.nonlinear(x)
+    a = half @ x + kick @ first
+    second = system.nonlinear(a)
+    c = half @ x + kick @ second
+    third = system.nonlinear(c)
+    d = half @ a + kick @ (2 * third - first)
+    fourth = system.nonlinear(d)
+    one, two, three = (phi(z, k) for k in (1, 2, 3))
+    y = scipy.linalg.expm(z) @ x + h * (
+        (one - 3 * two + 4 * three) @ b @ first
+        + (2 * two - 4 * three) @ b @ (second + third)
+        + (4 * three - two) @ b @ fourth
+    )
+    limit = system.forces.limit
+    sides = [np.sign(u) * (np.abs(u) > limit) for u in (-system.forces.gain @ s for s in (x, a, c, d))]
+    return y, any((side != sides[0]).any() for side in sides)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    modes=st.integers(1, 7),
+    channels=st.integers(0, 3),
+    memory=st.integers(0, 4),
+    coupled=st.booleans(),
+    runs=st.integers(1, 5),
+    substeps=st.integers(1, 3),
+)
+@settings(max_examples=40, deadline=None)
+def test_the_kernel_is_etd4rk(
+    seed: int, modes: int, channels: int, memory: int, coupled: bool, runs: int, substeps: int
+) -> None:
+    system = System.random(seed, modes, channels, memory, coupled)
+    starts = np.random.default_rng(seed).standard_normal((runs, len(system.a))) / 3
+    before, step = starts.copy(), 0.02
+    states, volts = system.moved(starts, step, substeps, 3)
+    np.testing.assert_array_equal(starts, before)
+    for run, start in enumerate(starts):
+        x = start
+        for sample in range(3):
+            for _ in range(substeps):
+                x = reference_step(system, x, step)
+            # sums are reordered; motions of size 1 that random forces of size 100 throw about
+            np.testing.assert_allclose(states[run, sample], x, rtol=1e-9, atol=1e-9 * np.abs(x).max())
+            np.testing.assert_allclose(volts[run, sample], system.volts(states[run, sample]), rtol=1e-12, atol=1e-12)
+
+
+def test_runs_side_by_side_are_each_as_alone() -> None:
+    system = System.random(3, 6, 2, 3, coupled=True)
+    starts = np.random.default_rng(0).standard_normal((5, 15)) / 3
+    together, _ = system.moved(starts, 0.01, 2, 20)
+    for run, start in enumerate(starts):
+        alone, _ = system.moved(start[None], 0.01, 2, 20)
+        np.testing.assert_allclose(together[run], alone[0], rtol=1e-9, atol=1e-10)  # rounding, carried along
+
+
+def test_a_run_that_diverges_does_not_disturb_its_neighbour() -> None:
+    system = System.random(5, 3, 1, 0, coupled=False)
+    calm = np.random.default_rng(1).standard_normal(6) / 3
+    states, volts = system.moved(np.array([np.full(6, 1e150), calm]), 0.01, 1, 10)
+    assert np.isnan(states[0]).all()
+    assert np.isnan(volts[0]).all()
+    np.testing.assert_allclose(states[1], system.moved(calm[None], 0.01, 1, 10)[0][0], rtol=1e-10)
+
+
+def test_a_linear_system_is_exact_at_any_step() -> None:
+    """A step of forty radians of the highest mode, no force but a constant one."""
+    rng = np.random.default_rng(2)
+    a = np.zeros((8, 8))
+    a[:4, 4:] = np.eye(4)
+    a[4:, :4], a[4:, 4:] = -np.diag([1.0, 4.0, 100.0, 1600.0]), -0.1 * np.eye(4)
+    load, x = rng.standard_normal(4), rng.standard_normal(8)
+    none = Forces(np.zeros((4, 0)), load, np.zeros((4, 0)), np.zeros((0, 0)), np.zeros((0, 8)), 1.0)
+    own = Propagator.of(a, np.eye(8)[:, 4:], 1.0)
+    states = np.empty((1, 3, 8))
+    integrate_runs(x[None], *weights_of(own), none, 1, states, np.empty((1, 3, 0)))
+    rest = np.concatenate([load / np.array([1.0, 4.0, 100.0, 1600.0]), np.zeros(4)])
+    for k in range(3):
+        exact = rest + scipy.linalg.expm(a * (k + 1)) @ (x - rest)
+        np.testing.assert_allclose(states[0, k], exact, rtol=0, atol=1e-11 * np.abs(x).max())
+
+
+@pytest.mark.parametrize("engaged", [False, True])
+def test_the_order_is_four(engaged: bool) -> None:
+    """By halving the step, on a motion of the size of the panel's thickness under a drive that is not limited."""
+    plant, law = SEED, dataclasses.replace(Loop.of(SEED).law, limit=1e9)
+    start = first_mode_at_rest(plant, 0.8 * plant.design.panel.thickness)
+    ends = []
+    for parts in (1, 2, 4, 64):
+        loop = Loop.of(plant, law)
+        sample = loop._long_step / parts * (1 - 1e-9)
+        ends.append(loop.stretch(start, sample, 64 * parts, engaged)[0][-1])
+    errors = [np.abs((end - ends[-1])[: plant.size] * plant.model.peak).max() for end in ends[:-1]]
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.5)  # the next order is still of some size at the first
+    assert errors[1] / errors[2] == pytest.approx(16, rel=0.25)
+
+
+@pytest.mark.parametrize(("name", "apart"), [("seed-840", 1e-4), ("mach-2", 1e-4), ("seed-1200", 3e-4)])
+def test_default_step_is_as_good_as_an_adaptive_run(name: str, apart: float) -> None:
+    """Within 1e-4 h of DOP853 at rtol 1e-10 over the first 50 ms of the controlled phase, from what flutter leads to.
+
+    At λ = 1200 that is no cycle, and neighbouring motions part: 2e-4 h, as classical steps do at a third of the step.
+    """
+    plant = Plant.of(load_design(name)).symmetric()
+    loop, n = Loop.of(plant), plant.size
+    cycle, _ = loop.stretch(first_mode_at_rest(plant, 1e-4), 0.2, 1, engaged=False)
+    sample = plant.period / SAMPLES_A_PERIOD
+    count = int(0.05 / sample)
+    states, volts = loop.stretch(cycle[0], sample, count, engaged=True)
+    gain, limit = loop.law.direct(plant.force), loop.law.limit
+
+    def rate(_: float, x: Floats) -> Floats:
+        drive = np.clip(-gain @ x, -limit, limit)
+        return np.concatenate(
+            [
+                x[n:],
+                plant.model.load - loop.linear @ x - membrane_force(plant.model.membrane, x[:n]) + plant.force @ drive,
+            ]
+        )
+
+    scale = np.concatenate([plant.model.omega, np.ones(n)])
+    exact = scipy.integrate.solve_ivp(
+        rate,
+        (0.0, sample * count),
+        cycle[0],
+        "DOP853",
+        t_eval=sample * np.arange(1, count + 1),
+        rtol=1e-10,
+        atol=1e-12 * np.abs(scale * cycle[0]).max() / scale,
+    ).y.T
+    shapes = plant.model.coarse.T / plant.design.panel.thickness
+    assert np.abs((states - exact)[:, :n] @ shapes).max() < apart
+    assert np.abs(volts).max() > 0.5 * limit
+
+
+def test_classical_and_exponential_steps_agree() -> None:
+    """With a controller that remembers, too: as a page runs, here at an eighth of the step, and as a run does."""
+    control = msgspec.structs.replace(SEED.design.control, kind="lqg")
+    loop = Loop.of(Plant.of(SEED.design.with_control(control), SEED.model))
+    start = first_mode_at_rest(loop.plant, 0.5 * loop.plant.design.panel.thickness)
+    ((states, volts, memory),) = loop.run([(start, Memory.blank(loop.law))], 1e-4, 300, engaged=True)
+    plain, driven, other = loop.advance(start, Memory.blank(loop.law), 1.25e-5, 2400, engaged=True)
+    # the estimator's fastest pole turns a radian in a step
+    size = np.abs(plain).max(axis=0)
+    assert (np.abs(states - plain[7::8]).max(axis=0) <= 5e-3 * size).all()
+    np.testing.assert_allclose(volts, driven[7::8], rtol=0, atol=5e-3 * loop.law.limit)
+    assert np.abs(memory.own - other.own).max() < 5e-3 * np.abs(other.own).max()
