@@ -13,39 +13,10 @@ from solver.bfs import bending_shape, gauss, membrane_strain
 from solver.design import Design, Load
 from solver.laminate import Laminate, flexural_rigidity
 from solver.mesh import Floats, Ints, Mesh
+from solver.pattern import Pattern, scatter
+from solver.sector import Parity, Sector
 
 STIFFNESS_POINTS = 4  # a side: exact for products of two cubics (degree 6)
-
-
-@dataclass(frozen=True)
-class Pattern:
-    """Where element matrices land in a global sparse matrix over free dofs; computed once for a mesh."""
-
-    size: int
-    """Number of free dofs."""
-    indptr: Ints
-    """(size + 1,) row pointers of the CSR matrix."""
-    indices: Ints
-    """(nonzeros,) column indices."""
-    slot: Ints
-    """(elements·k·k,) position of every element-matrix entry among the nonzeros; one past the end where held."""
-
-    @staticmethod
-    def of(dofs: Ints, unknowns: Ints) -> Pattern:
-        """The pattern of elements with the given (elements, k) dofs, whose unknowns are numbered, -1 where held."""
-        size = int(unknowns.max(initial=-1)) + 1
-        number = unknowns[dofs]
-        row, column = np.broadcast_arrays(number[:, :, None], number[:, None, :])
-        held = (row < 0) | (column < 0)
-        keys, slot = np.unique(np.where(held, size * size, row * size + column), return_inverse=True)
-        keys = keys[keys < size * size]
-        indptr = np.searchsorted(keys, np.arange(size + 1) * size)
-        return Pattern(size, indptr, keys % size, slot.ravel())
-
-    def matrix(self, blocks: Floats) -> sp.csr_array:
-        """Sum (elements, k, k) element matrices into a (size, size) matrix."""
-        data = np.bincount(self.slot, weights=blocks.ravel(), minlength=len(self.indices) + 1)[: len(self.indices)]
-        return sp.csr_array((data, self.indices, self.indptr), shape=(self.size, self.size))
 
 
 @dataclass(frozen=True)
@@ -142,26 +113,13 @@ class Space:
         """∫ N N,yᵀ dA over the whole panel [m]."""
         return self._uniform(self.shape(0, 0).T @ (self.weights[:, None] * self.shape(0, 1)))
 
+    def sector(self, parity: Parity) -> Sector:
+        """The motions of one parity about y = b/2, on a mesh whose edges at y = 0 and y = b are alike; or, 0, all."""
+        return self._sectors[parity]
+
     @cached_property
-    def mirror(self) -> tuple[sp.csr_array, sp.csr_array]:
-        """Orthonormal bases (free dofs, …) of the motions symmetric and antisymmetric about y = b/2."""
-        mesh = self.mesh
-        own = mesh.bending_unknowns.reshape(mesh.nx + 1, mesh.ny + 1, 4)
-        partner = own[:, ::-1]
-        turned = np.array([1.0, 1.0, -1.0, -1.0])  # w and w,x keep their sign in the mirror, w,y and w,xy do not
-        sign = np.broadcast_to(turned, own.shape)
-        first = (own >= 0) & (own <= partner)
-        bases = []
-        for parity in (1.0, -1.0):
-            # a dof on the mirror line is its own partner, and belongs to one of the two
-            kept = first & ((own < partner) | (sign == parity))
-            a, b, s = own[kept], partner[kept], parity * sign[kept]
-            column = np.arange(len(a))
-            lone = a == b
-            entries = np.concatenate([np.where(lone, 1.0, np.sqrt(0.5)), np.where(lone, 0.0, s * np.sqrt(0.5))])
-            coordinates = (np.concatenate([a, b]), np.concatenate([column, column]))
-            bases.append(sp.csr_array((entries, coordinates), shape=(self.bending.size, len(a))))
-        return bases[0], bases[1]
+    def _sectors(self) -> dict[Parity, Sector]:
+        return {0: Sector(self.mesh, 0), 1: Sector(self.mesh, 1), -1: Sector(self.mesh, -1)}
 
     def _uniform(self, block: Floats) -> sp.csr_array:
         return self.bending.matrix(np.broadcast_to(block, (self.mesh.elements, *block.shape)))
@@ -217,14 +175,14 @@ class PlateMatrices:
         """
         space = space_of(Mesh.of(design.panel, design.mesh))
         laminate = Laminate.of(design)
-        membrane = space.inplane.matrix(np.einsum("eab,abij->eij", laminate.extension, space.membrane_integrals))
+        membrane = space.inplane.matrix(weighed(laminate.extension, space.membrane_integrals))
         coupling = None if laminate.symmetric else _coupling(space, laminate)
         prestress, load = _prestress(design, space, laminate, membrane)
         products = space.slope_products
         return PlateMatrices(
             space=space,
             laminate=laminate,
-            stiffness=space.bending.matrix(np.einsum("eab,abij->eij", laminate.bending, space.curvature_integrals)),
+            stiffness=space.bending.matrix(weighed(laminate.bending, space.curvature_integrals)),
             mass=space.bending.matrix(laminate.mass[:, None, None] * space.mass_integral),
             membrane=membrane,
             coupling=coupling,
@@ -251,6 +209,15 @@ class PlateMatrices:
         whole = sp.block_array([[stiffness, self.coupling.T], [self.coupling, self.membrane]], format="csr")
         return sp.csr_array(whole), self.widened(self.mass)
 
+    def bending_blocks(self, elements: Ints) -> tuple[Floats, Floats]:
+        """Matrices of elements, each (len(elements), 16, 16), whose sums are K and M."""
+        stiffness = weighed(self.laminate.bending[elements], self.space.curvature_integrals)
+        return stiffness, self.laminate.mass[elements, None, None] * self.space.mass_integral
+
+    def membrane_blocks(self, elements: Ints) -> Floats:
+        """(len(elements), 8, 8) matrices of elements whose sum is K_m."""
+        return weighed(self.laminate.extension[elements], self.space.membrane_integrals)
+
     def condensed_stiffness(self) -> Floats:
         """(N, N) stiffness of w before preload and heat, in-plane displacements condensed out: dense."""
         if self.coupling is None:
@@ -266,9 +233,15 @@ class PlateMatrices:
         return sp.csr_array(sp.block_diag([matrix, none], format="csr"))
 
 
+def weighed(stiffness: Floats, integrals: Floats) -> Floats:
+    """(elements, k, l) element matrices from stiffnesses (elements, 3, 3) and what they weigh, (3, 3, k, l)."""
+    count, size = len(stiffness), integrals.shape[2:]
+    return (stiffness.reshape(count, -1) @ integrals.reshape(9, -1)).reshape(count, *size)
+
+
 def _coupling(space: Space, laminate: Laminate) -> sp.csr_array:
     """(Nm, N) ∫ εᵀ B κ dA, the stiffness between in-plane and bending unknowns of an unsymmetric lay-up."""
-    blocks = np.einsum("eab,abij->eij", laminate.coupling, space.coupling_integrals)
+    blocks = weighed(laminate.coupling, space.coupling_integrals)
     mesh = space.mesh
     rows = np.broadcast_to(mesh.inplane_unknowns[mesh.inplane_dofs][:, :, None], blocks.shape)
     columns = np.broadcast_to(mesh.bending_unknowns[mesh.bending_dofs][:, None, :], blocks.shape)
@@ -309,10 +282,3 @@ def _prestress(
     moment -= np.einsum("eba,egb->ega", laminate.coupling, strain)
     bend = np.einsum("g,ega,agi->ei", space.weights, moment, space.curvature, optimize=True)
     return stress, scatter(mesh.bending_unknowns[mesh.bending_dofs], bend, space.bending.size)
-
-
-def scatter(number: Ints, blocks: Floats, size: int) -> Floats:
-    """Sum element vectors (elements, k, …) into one (size, …) by their unknowns' numbers, leaving out those of -1."""
-    total = np.zeros((size + 1, *blocks.shape[2:]))
-    np.add.at(total, number, blocks)
-    return total[:-1]

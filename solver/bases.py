@@ -6,20 +6,23 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
+from scipy.linalg import blas
 
 from solver.aerodynamics import Stream
 from solver.assembly import PlateMatrices
-from solver.banded import definite_solver
+from solver.banded import Cholesky, definite_solver
 from solver.bfs import gauss, hermite
+from solver.lanczos import lowest_pairs
 from solver.mesh import Floats, Ints, Mesh
+from solver.sector import Sector
 
 Complexes = NDArray[np.complexfloating]
 
 DENSE_FROM = 0.25  # the share of all modes from which a dense eigensolver beats Lanczos
+SPARE = 2  # modes of either parity sought beyond those that a bare panel would have among the lowest
 CLUSTER = 1e-3  # modes closer than this in frequency, relatively, count as one subspace
 NEW = 1e-3  # the least part of an aeroelastic mode outside the ones before it that makes it one more of the basis
 
@@ -34,40 +37,58 @@ def lowest_modes(plate: PlateMatrices, count: int) -> tuple[Floats, Floats, Ints
         Shapes (free dofs, count) with ΦᵀMΦ = I, ω (count,) [rad/s] and parity (count,) as in `ModalModel`.
     """
     if not plate.mirrored:
-        shapes, omega = _eigenmodes(plate, sp.eye_array(plate.stiffness.shape[0], format="csr"), count)
+        shapes, omega = _eigenmodes(plate, plate.space.sector(0), count)
         return shapes, omega, np.zeros(count, dtype=int)
-    parts = []
-    for basis, parity in zip(plate.space.mirror, (1, -1), strict=True):
-        shapes, omega = _eigenmodes(plate, basis, min(count, basis.shape[1]))
-        parts.append((shapes, omega, np.full(len(omega), parity)))
-    shapes, omega, parity = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    order = np.argsort(omega)[:count]
-    return shapes[:, order], omega[order], parity[order]
+    sectors = (plate.space.sector(1), plate.space.sector(-1))
+    wanted = [min(share, sector.bending.size) for share, sector in zip(_shares(plate, count), sectors, strict=True)]
+    parts = [_eigenmodes(plate, sector, most) for sector, most in zip(sectors, wanted, strict=True)]
+    while True:
+        parity = np.repeat([1, -1], wanted)
+        omega = np.concatenate([part[1] for part in parts])
+        order = np.argsort(omega)[:count]
+        short = [
+            k
+            for k, sector in enumerate(sectors)
+            if np.count_nonzero(parity[order] == sector.parity) == wanted[k] < sector.bending.size
+        ]
+        if not short:
+            return np.hstack([part[0] for part in parts])[:, order], omega[order], parity[order]
+        for k in short:  # all that was found of it is among the lowest: the next one may be too
+            wanted[k] = min(2 * wanted[k], sectors[k].bending.size)
+            parts[k] = _eigenmodes(plate, sectors[k], wanted[k])
 
 
-def _eigenmodes(plate: PlateMatrices, basis: sp.csr_array, count: int) -> tuple[Floats, Floats]:
-    """Lowest eigenvectors φ (N, count) of K φ = ω² M φ with φᵀMφ = 1 in the space of a basis (N, size), and ω (count,).
+def _shares(plate: PlateMatrices, count: int) -> tuple[int, int]:
+    """How many symmetric and antisymmetric modes the `count` lowest are likely to be, with a little to spare.
 
-    The space must be one that the plate maps into itself, as motions symmetric about y = b/2 of a symmetric plate.
+    As on a bare panel that is simply supported: (m, n) in the order of (m/a)² + (n/b)².
     """
-    size = basis.shape[1]
-    mass = sp.csr_array(basis.T @ plate.mass @ basis)
-    if count >= DENSE_FROM * size:
-        stiffness = basis.T @ plate.condensed_stiffness() @ basis
-        values, vectors = scipy.linalg.eigh(stiffness, mass.toarray(), subset_by_index=[0, count - 1])
-        return basis @ vectors, np.sqrt(values)
-    inverse = spla.LinearOperator((size, size), matvec=_compliance(plate, basis), dtype=np.float64)
-    # a fixed start makes runs repeatable; a random one is blind to no symmetry
-    start = np.random.default_rng(0).standard_normal(size)
-    values, vectors = spla.eigsh(mass, count, mass, sigma=0.0, OPinv=inverse, v0=start)
-    order = np.argsort(values)
-    return basis @ vectors[:, order], np.sqrt(values[order])
+    number = np.arange(1, count + 1)
+    squares = np.add.outer((number / plate.space.mesh.length) ** 2, (number / plate.space.mesh.width) ** 2)
+    across = np.argsort(squares, axis=None)[:count] % count  # n - 1
+    even = int(np.count_nonzero(across % 2 == 0))
+    return even + SPARE, count - even + SPARE
+
+
+def _eigenmodes(plate: PlateMatrices, sector: Sector, count: int) -> tuple[Floats, Floats]:
+    """Lowest eigenvectors φ (free dofs, count) of K φ = ω² M φ in a sector, with φᵀMφ = 1, and ω (count,)."""
+    basis, pattern = sector.bending.basis, sector.bending_pattern
+    stiffness, mass = plate.bending_blocks(sector.elements)
+    if count >= DENSE_FROM * pattern.size:
+        if plate.coupling is None:
+            dense = pattern.matrix(stiffness).toarray()
+        else:
+            dense = basis.T @ plate.condensed_stiffness() @ basis
+        values, vectors = scipy.linalg.eigh(dense, pattern.matrix(mass).toarray(), subset_by_index=[0, count - 1])
+    else:
+        bands = pattern.bands(mass)
+        inverse = Cholesky.of(pattern.bands(stiffness)).solve if plate.coupling is None else _compliance(plate, basis)
+        values, vectors = lowest_pairs(inverse, lambda x: blas.dsbmv(pattern.width, 1.0, bands, x), pattern.size, count)
+    return basis @ vectors, np.sqrt(values)
 
 
 def _compliance(plate: PlateMatrices, basis: sp.csr_array) -> Callable[[Floats], Floats]:
-    """The function from forces to displacements (size,) in the space of a basis (N, size) that the plate keeps."""
-    if plate.coupling is None:
-        return definite_solver(sp.csr_array(basis.T @ plate.stiffness @ basis))
+    """The function from forces to displacements (size,) in the space of a basis (N, size), u of B ≠ 0 condensed out."""
     stiffness, _ = plate.linear(loaded=False)
     whole, free = spla.splu(stiffness.tocsc()), basis.shape[0]
 
@@ -88,6 +109,8 @@ def family_modes(plate: PlateMatrices, count: int) -> tuple[Floats, Floats, Ints
     Returns:
         As `lowest_modes`.
     """
+    import scipy.optimize  # here, because it is slow to import
+
     size = plate.stiffness.shape[0]
     wanted = family_shapes(plate.space.mesh, count)
     wanted /= np.sqrt(np.einsum("im,im->m", wanted, plate.mass @ wanted))
@@ -159,15 +182,15 @@ def aeroelastic_modes(plate: PlateMatrices, stream: Stream, count: int) -> tuple
     Returns:
         As `lowest_modes`.
     """
-    free = plate.stiffness.shape[0]
     slope = stream.slope_unit * (stream.cosine * plate.space.slope_x + stream.sine * plate.space.slope_y)
     stiffness, _ = plate.linear(loaded=True)
     stiffness = sp.csr_array(stiffness + stream.dynamic_pressure * plate.widened(sp.csr_array(slope)))
     factors = [spla.splu(matrix.tocsc()) for matrix in (stiffness, stiffness.T)]
     keeps = plate.mirrored and stream.sine == 0
-    spaces = zip(plate.space.mirror, (1, -1), strict=True) if keeps else [(sp.eye_array(free, format="csr"), 0)]
+    sectors = [plate.space.sector(parity) for parity in ((1, -1) if keeps else (0,))]
     found: list[tuple[tuple[bool, float], Floats, int]] = []
-    for basis, parity in spaces:
+    for sector in sectors:
+        basis, parity = sector.bending.basis, sector.parity
         pairs = min(count, basis.shape[1])
         for factor in factors:  # the right eigenvectors, then the left
             values, vectors = _nearest(factor, basis, plate.mass, pairs)

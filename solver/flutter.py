@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from solver.aerodynamics import Stream
 from solver.bases import lowest_modes
-from solver.mesh import Floats
+from solver.blocks import blocks_of
+from solver.mesh import Floats, Ints
 from solver.modes import ModalModel
 
 SCAN_STEP = 40.0  # λ between trial points: narrower windows of instability than this are not looked for
@@ -32,17 +32,25 @@ GROWTH_NOISE = 1e-6  # of ω1: an undamped pair about to meet is known to √ε 
 
 def stiffness_in_stream(model: ModalModel, stream: Stream, dynamic_pressure: float) -> Floats:
     """(n, n) modal stiffness with the flow's: Ω² + Φᵀ K_N Φ + λ D11/a³ (A_x cosΛ + A_y sinΛ) [1/s²]."""
-    slope = stream.cosine * model.slope_x + (stream.sine * model.slope_y if stream.sine else 0.0)
-    return np.diag(model.omega**2) + model.geometric + dynamic_pressure * stream.slope_unit * slope
+    return np.diag(model.omega**2) + model.geometric + dynamic_pressure * _flow(model, stream)
+
+
+def _flow(model: ModalModel, stream: Stream) -> Floats:
+    """(n, n) modal stiffness of the flow at λ = 1 [1/s²]."""
+    return stream.slope_unit * (stream.cosine * model.slope_x + (stream.sine * model.slope_y if stream.sine else 0.0))
 
 
 def system_matrix(model: ModalModel, stream: Stream, dynamic_pressure: float) -> Floats:
     """(2n, 2n) state matrix A of the flat panel for X = (q, q̇), the seed's (3.4)."""
-    n = model.size
+    damping = stream.rate(dynamic_pressure) * model.bare_mass
+    return _first_order(stiffness_in_stream(model, stream, dynamic_pressure), damping)
+
+
+def _first_order(stiffness: Floats, damping: Floats) -> Floats:
+    n = len(stiffness)
     matrix = np.zeros((2 * n, 2 * n))
     matrix[:n, n:] = np.eye(n)
-    matrix[n:, :n] = -stiffness_in_stream(model, stream, dynamic_pressure)
-    matrix[n:, n:] = -stream.rate(dynamic_pressure) * model.bare_mass
+    matrix[n:, :n], matrix[n:, n:] = -stiffness, -damping
     return matrix
 
 
@@ -52,9 +60,12 @@ def leading_eigenvalue(matrix: Floats, slowest: float = -1.0) -> complex:
     With `slowest` [rad/s], only those that turn faster than it count (-∞ if there are none); by default all do. Blocks
     that do not touch each other, as symmetric and antisymmetric modes, are taken apart: less work.
     """
-    count, label = connected_components(sp.csr_array(matrix != 0), directed=False)
-    blocks = (np.flatnonzero(label == k) for k in range(count))
-    values = np.concatenate([np.linalg.eigvals(matrix[np.ix_(b, b)]) for b in blocks])
+    values = np.concatenate([np.linalg.eigvals(matrix[np.ix_(block, block)]) for block in blocks_of(matrix != 0)])
+    return _leading(values, slowest)
+
+
+def _leading(values: NDArray[np.inexact], slowest: float) -> complex:
+    """The one of largest real part among eigenvalues, as `leading_eigenvalue` gives it."""
     values = values[np.abs(values.imag) > slowest]
     if not len(values):
         return complex(-np.inf, 0.0)
@@ -71,21 +82,31 @@ def critical_pressure(model: ModalModel, stream: Stream) -> tuple[float, float] 
     Returns:
         λ_cr [-] and the flutter frequency there [rad/s] (0 for divergence); None if stable up to λ = 20 000.
     """
+    found = None
+    # modes that do not touch each other, as symmetric and antisymmetric ones, flutter each at their own λ
+    for modes in blocks_of((stiffness_in_stream(model, stream, 1.0) != 0) | (model.bare_mass != 0)):
+        found = _critical_of(model, stream, modes, found[0] if found else SCAN_END) or found
+    return found
+
+
+def _critical_of(model: ModalModel, stream: Stream, modes: Ints, end: float) -> tuple[float, float] | None:
+    """As `critical_pressure`, of some modes that no others touch, at a λ up to an end."""
     noise = GROWTH_NOISE * model.omega[0]
-    turning = buckled(model)
+    slowest = noise if buckled(model) else -1.0
+    own = np.ix_(modes, modes)
+    still, unit, mass = stiffness_in_stream(model, stream, 0.0)[own], _flow(model, stream)[own], model.bare_mass[own]
 
     def leading(value: float) -> complex:
-        return leading_eigenvalue(system_matrix(model, stream, value), noise if turning else -1.0)
+        return _leading(np.linalg.eigvals(_first_order(still + value * unit, stream.rate(value) * mass)), slowest)
 
+    @cache
     def growth(value: float) -> float:
         return leading(value).real - noise
 
-    found = _first_root(growth, 0.0, SCAN_STEP, SCAN_END)
+    found = _first_root(growth, 0.0, min(SCAN_STEP, end / WINDOWS), end)
     if found is not None and found < SCAN_STEP * WINDOWS:  # a small λ_cr may have smaller windows below it
         found = _first_root(growth, 0.0, found / WINDOWS, found) or found
-    if found is None:
-        return None
-    return found, leading(found * JUST_ABOVE).imag
+    return None if found is None else (found, leading(found * JUST_ABOVE).imag)
 
 
 def buckled(model: ModalModel) -> bool:
@@ -213,6 +234,8 @@ def _start(size: int) -> Floats:
 
 def _first_root(growth: Callable[[float], float], start: float, step: float, end: float) -> float | None:
     """Smallest λ in [start, end] at which the growth rate turns positive, by scan and Brent's method."""
+    import scipy.optimize  # here, because it is slow to import
+
     low = start
     while low < end:
         high = min(low + step, end)

@@ -15,7 +15,6 @@ from solver.aerodynamics import Stream
 from solver.assembly import Pattern, PlateMatrices, scatter
 from solver.banded import WIDEST, definite_solver
 from solver.design import Design
-from solver.element_forces import gather, membrane_forces, membrane_tangents, scatter_add
 from solver.laminate import moment_per_volt
 from solver.mesh import Floats, Ints
 from solver.piezo import channels
@@ -167,6 +166,8 @@ class FullModel:
 
     def _internal(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Internal force (size,), and dofs (elements, 24) and membrane stresses (elements, points, 3) it came from."""
+        from solver.element_forces import gather, membrane_forces, scatter_add  # here, because numba is slow to import
+
         local, forces = np.empty(self.number.shape), np.empty(self.number.shape)
         stresses = np.empty((len(local), len(self.plate.space.weights), 3))
         gather(x, self.number, local)
@@ -178,6 +179,8 @@ class FullModel:
 
     def tangent(self, x: Floats, extra: Floats | None = None) -> sp.csr_array:
         """(size, size) derivative of `internal_force` at x; `extra` blocks (elements, 16, 16) of w are added to it."""
+        from solver.element_forces import membrane_tangents  # here, because numba is slow to import
+
         _, local, stresses = self._internal(x)
         blocks = np.zeros((len(local), BENDING + INPLANE, BENDING + INPLANE))
         blocks[:, :BENDING, :BENDING] = self._linear_blocks if extra is None else self._linear_blocks + extra

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -48,24 +49,25 @@ def strain_rotation(angle: float) -> Floats:
     return np.array([[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]])
 
 
-def skin_layers(panel: Panel) -> list[Layer]:
-    """The layers of the bare panel from z = -h/2 up."""
+@lru_cache(maxsize=16)
+def skin_layers(panel: Panel) -> tuple[Layer, ...]:
+    """The layers of the bare panel from z = -h/2 up; kept, because much asks for them."""
     if not panel.plies:
         skin = Material.isotropic(panel.young, panel.poisson, panel.density, panel.expansion)
-        return [Layer(skin, 0.0, -panel.thickness / 2, panel.thickness / 2)]
+        return (Layer(skin, 0.0, -panel.thickness / 2, panel.thickness / 2),)
     faces = np.concatenate([[0.0], np.cumsum([ply.thickness for ply in panel.plies])])
     faces -= faces[-1] / 2
-    return [
+    return tuple(
         Layer(material(ply.material), float(np.radians(ply.angle_deg)), float(low), float(high))
         for ply, low, high in zip(panel.plies, faces[:-1], faces[1:], strict=True)
-    ]
+    )
 
 
-def patch_layers(design: Design) -> list[Layer]:
+def patch_layers(design: Design) -> tuple[Layer, ...]:
     """The pair of layers that a patch adds, below and above the skin."""
     half, hp = design.panel.thickness / 2, design.patches.thickness
     ceramic = design.patches.ceramic
-    return [Layer(ceramic, 0.0, -half - hp, -half), Layer(ceramic, 0.0, half, half + hp)]
+    return Layer(ceramic, 0.0, -half - hp, -half), Layer(ceramic, 0.0, half, half + hp)
 
 
 def flexural_rigidity(panel: Panel) -> float:
@@ -151,19 +153,13 @@ class Laminate:
         return all(np.abs(m[:, :2, 2]).max() <= 1e-9 * np.abs(m).max() for m in kept)
 
 
-def _resultants(layers: list[Layer]) -> tuple[Floats, ...]:
+def _resultants(layers: tuple[Layer, ...]) -> tuple[Floats, ...]:
     """Mass a unit area, A, B, D, N_T and M_T of a stack of layers (Jones 4.24 and 4.79)."""
-    first = [lay.thickness for lay in layers]
-    second = [(lay.top**2 - lay.bottom**2) / 2 for lay in layers]
-    third = [(lay.top**3 - lay.bottom**3) / 3 for lay in layers]
+    faces = np.array([(lay.bottom, lay.top) for lay in layers])
+    order = np.array([1, 2, 3])
+    moments = np.diff(faces[..., None] ** order, axis=1)[:, 0].T / order[:, None]  # ∫ 1, z, z² dz, each of every layer
     stiffness = np.array([lay.stiffness for lay in layers])
     heated = np.array([lay.stiffness @ lay.expansion for lay in layers])
-    density = np.array([lay.material.density for lay in layers])
-    return (
-        np.dot(density, first),
-        np.tensordot(first, stiffness, 1),
-        np.tensordot(second, stiffness, 1),
-        np.tensordot(third, stiffness, 1),
-        np.tensordot(first, heated, 1),
-        np.tensordot(second, heated, 1),
-    )
+    mass = np.dot(moments[0], [lay.material.density for lay in layers])
+    extension, coupling, bending = np.einsum("kl,lab->kab", moments, stiffness)
+    return mass, extension, coupling, bending, *np.einsum("kl,la->ka", moments[:2], heated)

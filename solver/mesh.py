@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from solver.design import MeshSize, Panel
 
@@ -131,11 +129,22 @@ class Mesh:
 
     def connected_groups(self, elements: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Split element ids into groups that hang together by shared edges, each and all in ascending order."""
-        ids = np.array(elements, dtype=int)
-        i, j = np.divmod(ids, self.ny)
-        touching = np.abs(i[:, None] - i) + np.abs(j[:, None] - j) == 1
-        count, label = connected_components(sp.csr_array(touching), directed=False)
-        return sorted(tuple(int(e) for e in ids[label == k]) for k in range(count))
+        left = set(elements)
+        groups = []
+        for first in sorted(elements):
+            group, edge = set[int](), left & {first}
+            while edge:
+                group |= edge
+                left -= edge
+                edge = left & {other for e in edge for other in self._neighbours(e)}
+            if group:
+                groups.append(tuple(sorted(group)))
+        return groups
+
+    def _neighbours(self, element: int) -> list[int]:
+        """Ids across the edges of an element; upstream and downstream of the panel there are numbers that are none."""
+        across = [element - 1] * (element % self.ny > 0) + [element + 1] * (element % self.ny < self.ny - 1)
+        return [element - self.ny, element + self.ny, *across]
 
     def mirror_image(self, elements: tuple[int, ...]) -> tuple[int, ...]:
         """The elements across y = b/2 from the given ones, in ascending order."""

@@ -11,10 +11,11 @@ from solver.aerodynamics import Stream
 from solver.assembly import PlateMatrices, Space
 from solver.bases import aeroelastic_modes, family_modes, lowest_modes
 from solver.bfs import hermite
+from solver.condensation import condensed_energy
 from solver.design import Design, Reduction
 from solver.errors import DesignError
 from solver.mesh import Bools, Floats, Ints
-from solver.vonkarman import LargeDeflection, condensed_energy, index_pairs
+from solver.vonkarman import LargeDeflection
 
 
 @dataclass(frozen=True)
@@ -92,11 +93,7 @@ class ModalModel:
     @cached_property
     def membrane(self) -> LargeDeflection:
         """The law of large deflection in these modes."""
-        r, s = index_pairs(self.size)
-        pair = self.parity[r] * self.parity[s]
-        law = condensed_energy(self.plate, self.shapes)
-        even = law.cubic * (pair[:, None] == self.parity) if len(law.cubic) else law.cubic
-        return LargeDeflection(law.quartic * (pair[:, None] == pair), even)
+        return condensed_energy(self.plate, self.shapes, parity=self.parity if self.parity.all() else None)
 
     @cached_property
     def geometric(self) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from solver.design import Design
@@ -24,24 +26,29 @@ def channels(design: Design) -> list[tuple[int, ...]]:
             return Mesh.of(design.panel, design.mesh).connected_groups(elements)
 
 
-def element_forces(model: ModalModel, design: Design) -> Floats:
+def element_forces(model: ModalModel, design: Design, elements: Sequence[int] | None = None) -> Floats:
     """(n, elements) modal force a volt on a pair of layers on each element, patched or not [N/(V·√kg)].
 
     F_r = ∫ Mᵀ κ dA for mode r, with M the moments a volt: the seed's -K_bφ in modal form (2.22).
+
+    Args:
+        model: the modes.
+        design: the ceramic.
+        elements: ids of the elements that are asked for; None for all.
     """
     space = model.plate.space
-    local = space.expand(model.shapes)[space.mesh.bending_dofs]  # (elements, 16, n)
+    dofs = space.mesh.bending_dofs if elements is None else space.mesh.bending_dofs[list(elements)]
+    local = space.expand(model.shapes)[dofs]  # (elements, 16, n)
     return np.einsum("i,ein->ne", moment_per_volt(design) @ space.moment_integral, local)
 
 
 def channel_forces(model: ModalModel, design: Design) -> Floats:
     """(n, channels) modal force a volt on each channel [N/(V·√kg)]."""
-    forces = element_forces(model, design)
     groups = channels(design)
     mesh = model.plate.space.mesh
     result = np.zeros((model.size, len(groups)))
     for k, group in enumerate(groups):
         # a set symmetric about y = b/2 does not drive antisymmetric modes at all: rounding must not either
         odd = (model.parity == -1) & (mesh.mirror_image(group) == group)
-        result[:, k] = np.where(odd, 0.0, forces[:, list(group)].sum(axis=1))
+        result[:, k] = np.where(odd, 0.0, element_forces(model, design, group).sum(axis=1))
     return result

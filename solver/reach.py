@@ -7,10 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from solver.bases import Complexes
+from solver.blocks import blocks_of
 from solver.flutter import GROWTH_NOISE
 from solver.mesh import Bools, Floats
 from solver.piezo import element_forces
@@ -86,8 +85,10 @@ def reached(plant: Plant, force: Floats) -> Bools:
     controlling the symmetric ones because of them.
     """
     coupled = (plant.stiffness != 0) | (plant.damping != 0)
-    _, label = connected_components(sp.csr_array(coupled), directed=False)
-    return np.isin(label, label[np.any(force != 0, axis=1)])
+    found = np.any(force != 0, axis=1)
+    for block in blocks_of(coupled):
+        found[block] = found[block].any()
+    return found
 
 
 def out_of_reach(plant: Plant) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from solver.errors import ControlError
 from solver.flutter import leading_eigenvalue
@@ -13,6 +12,7 @@ from solver.law import Law
 from solver.mesh import Bools, Floats
 from solver.plant import Plant
 from solver.reach import reached, refusal
+from solver.riccati import stabilising_cost
 
 STABLE = 1e-9  # of ω1: growth below it is rounding
 
@@ -123,7 +123,7 @@ def regulator_solution(plant: Plant, part: Balanced) -> tuple[Floats, Floats]:
     weights = np.diag(state_weights(plant)[part.states])
     a, b = part.system, part.inputs
     try:
-        cost = scipy.linalg.solve_continuous_are(a, b, weights, effort * np.eye(b.shape[1]))
+        cost = stabilising_cost(a, b, weights, effort)
     except np.linalg.LinAlgError:
         raise ControlError(refusal(plant)) from None
     gain = b.T @ cost / effort

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from solver.aerodynamics import Stream
@@ -44,6 +43,8 @@ def root_locus(model: ModalModel, stream: Stream, dynamic_pressures: Floats) -> 
         stream: the flow; its own λ is not used.
         dynamic_pressures: (m,) λ in ascending order.
     """
+    import scipy.optimize  # here, because it is slow to import
+
     rows: list[Complexes] = []
     for value in dynamic_pressures:
         roots = _upper(np.linalg.eigvals(system_matrix(model, stream, float(value))).astype(complex))

@@ -41,8 +41,6 @@ class Progress:
     """How many of those were run in full, or until a bound cut them short."""
     best: Score | None
     """The best layout so far."""
-    news: bool
-    """Whether that is another than before."""
     stage: Stage
     """What is being done: looking at layouts by linear theory, or running the promising ones."""
     done: int
@@ -235,7 +233,6 @@ class _Run:
             evaluated=len(self._scores),
             measured=len(self._measured),
             best=self._best,
-            news=self._best is not best,
             stage=self._stage,
             done=self._done,
             due=self._due,
