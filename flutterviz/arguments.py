@@ -87,7 +87,8 @@ def _read(kind: type[Options], words: Sequence[str], command: str) -> Options:
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            return tyro.cli(kind, args=words, prog=program)
+            # help is not asked for, and to look for it in the source files takes half of the time
+            return tyro.cli(kind, args=words, prog=program, config=(tyro.conf.HelptextFromCommentsOff,))
     except SystemExit:
         raise DesignError(f"{_one_line(said.getvalue())} ({program} --help lists the options)") from None
 

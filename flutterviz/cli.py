@@ -12,10 +12,10 @@ from typing import Annotated
 import msgspec
 import numpy as np
 import tyro
-from rich.progress import Progress
 from rich.table import Table
 
 from flutterviz.arguments import DesignName, JsonFlag, parsed, parsed_on_design
+from flutterviz.bench.figure import PartName
 from flutterviz.figures import check_picture, draw_roots, draw_sweep
 from flutterviz.searching import SearchOptions, run_search
 from flutterviz.tables import (
@@ -137,6 +137,19 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Bench:
+    """Measure speed on this machine, every figure beside a baseline of the same run; exits with 1 if one is missing."""
+
+    parts: Annotated[tuple[PartName, ...], tyro.conf.Positional] = ()
+    """Parts to measure; all unless given."""
+    quick: Flag = False
+    """Fewer repeats: sooner done, with a wider spread."""
+    markdown: Flag = False
+    """Print the table as Markdown."""
+    json: JsonFlag = False
+
+
+@dataclass(frozen=True)
 class Replay:
     """Open a recording in rerun's viewer."""
 
@@ -152,6 +165,7 @@ COMMANDS = {
     "nfcg": Nfcg,
     "search": SearchOptions,
     "check": Check,
+    "bench": Bench,
     "replay": Replay,
 }
 
@@ -211,6 +225,8 @@ def _dispatch(words: list[str]) -> int:
             return run_search(options, design)
         case "check":
             return _check(parsed(Check, words, name))
+        case "bench":
+            return _bench(parsed(Bench, words, name))
         case "replay":
             from flutterviz.replay import replay
 
@@ -248,6 +264,8 @@ def _flutter(options: Flutter, design: Design) -> None:
 
 
 def _sweep(options: Sweep, design: Design) -> None:
+    from rich.progress import Progress  # here, because few commands need it
+
     field, values = _range(options.over)
     if options.plot is not None:
         check_picture(options.plot)
@@ -275,6 +293,8 @@ def _nfcg(options: Nfcg, design: Design) -> None:
 
 
 def _control(options: ControlOptions, design: Design) -> None:
+    from rich.progress import Progress  # here, because few commands need it
+
     pressures = _span(options.over, f"--over {options.over}", "512:1200:43") if options.over else []
     for pressure in pressures:
         design.with_dynamic_pressure(pressure)  # refused before anything is computed
@@ -353,3 +373,9 @@ def _check(options: Check) -> int:
         OUT.print(terminal_table(cases))
         OUT.print(f"{len(cases) - len(missed)} of {len(cases)} within tolerance")
     return 1 if missed else 0
+
+
+def _bench(options: Bench) -> int:
+    from flutterviz.bench.run import run_bench
+
+    return run_bench(options.parts, options.quick, options.markdown, options.json)

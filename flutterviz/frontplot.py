@@ -7,8 +7,8 @@ import viser
 import viser.uplot as uplot
 from numpy.typing import NDArray
 
+from flutterviz.charts import axes, columns, dots, empty, scales
 from flutterviz.found import Found
-from flutterviz.plots import axes
 from flutterviz.surface import MARK
 from solver.score import Score
 from solver.task import TITLES, UNITS
@@ -30,19 +30,18 @@ class FrontPlot:
     def __init__(self, server: viser.ViserServer) -> None:
         """Add the plot, empty."""
         self._drawn: Found | None = None
-        blank = np.full(2, np.nan)
         self._words = server.gui.add_html(f'<div style="{SMALL}">{WAITING}</div>')
         self._plot = server.gui.add_uplot(
-            (np.array([0.0, 1.0]), blank, blank, blank, blank),
+            empty(4),
             (
                 uplot.Series(label="elements"),
-                _points("ranked", OTHERS, 5, 0.0),
-                _points("front", FRONT, 7, 1.5),
-                _points("NFCG's", REFERENCE, 11, 0.0, hollow=True),
-                _points("best", BEST, 12, 0.0, hollow=True),
+                dots("ranked", OTHERS, 5),
+                dots("front", FRONT, 7, 1.5),
+                dots("NFCG's", REFERENCE, 11, hollow=True),
+                dots("best", BEST, 12, hollow=True),
             ),
             title=EMPTY,
-            scales=_scales((0.0, 10.0), (0.0, 1.08)),
+            scales=scales((0.0, 10.0), (0.0, 1.08)),
             axes=_axes(),
             legend=uplot.Legend(show=True, live=False),
             padding=(10, 8, 0, 0),
@@ -58,23 +57,16 @@ class FrontPlot:
         self._words.content = f'<div style="{SMALL}">{HELP if found is not None and found.top else WAITING}</div>'
         if found is None:
             self._plot.title = EMPTY
-            blank = np.full(2, np.nan)
-            self._plot.data = (np.array([0.0, 1.0]), blank, blank.copy(), blank.copy(), blank.copy())
+            self._plot.data = empty(4)
             return
         groups = [_places(scores) for scores in _points_of(found)]
-        x = np.concatenate([group[:, 0] for group in groups])
-        y = np.concatenate([group[:, 1] for group in groups])
+        x, y = np.concatenate(groups).T
         if not len(x):
             return
-        order = np.argsort(x, kind="stable")
-        columns = []
-        for k in range(len(groups)):
-            parts = [group[:, 1] if i == k else np.full(len(group), np.nan) for i, group in enumerate(groups)]
-            columns.append(np.array(np.concatenate(parts)[order], dtype=np.float64))
-        self._plot.data = (np.array(x[order], dtype=np.float64), *columns)
+        self._plot.data = columns(groups)
         room = ROOM * (y.max() - y.min()) or ROOM * abs(float(y.max())) or 1.0
         right = max(float(x.max()) + 1.0, 4.0)
-        self._plot.scales = _scales((0.0, right), (float(y.min()) - room, float(y.max()) + room))
+        self._plot.scales = scales((0.0, right), (float(y.min()) - room, float(y.max()) + room))
         self._plot.title = f"{TITLES[found.task.objective]} [{UNITS[found.task.objective]}]"
 
 
@@ -90,17 +82,6 @@ def _places(scores: tuple[Score, ...]) -> Floats:
     """(k, 2) number of elements and objective."""
     rows = [(float(len(score.elements)), score.value) for score in scores if score.value is not None]
     return np.array(rows, dtype=np.float64).reshape(-1, 2)
-
-
-def _points(label: str, colour: str, size: int, line: float, hollow: bool = False) -> uplot.Series:
-    """Points of one kind, joined if the line has a width; hollow ones show what lies in them."""
-    fill = "rgba(0,0,0,0)" if hollow else colour
-    points: uplot.Series_Points = {"show": True, "size": size, "fill": fill, "stroke": colour, "width": 2}
-    return uplot.Series(label=label, stroke=colour, width=line, points=points, spanGaps=True)
-
-
-def _scales(x: tuple[float, float], y: tuple[float, float]) -> dict[str, uplot.Scale]:
-    return {"x": uplot.Scale(time=False, auto=False, range=x), "y": uplot.Scale(auto=False, range=y)}
 
 
 def _axes() -> tuple[uplot.Axis, ...]:

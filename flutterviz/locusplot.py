@@ -7,8 +7,8 @@ import viser
 import viser.uplot as uplot
 from numpy.typing import NDArray
 
+from flutterviz.charts import axes, columns, dots, empty, scales
 from flutterviz.outlook import Outlook
-from flutterviz.plots import axes
 from flutterviz.rig import Rig
 
 Complexes = NDArray[np.complexfloating]
@@ -25,18 +25,17 @@ class LocusPlot:
     def __init__(self, server: viser.ViserServer) -> None:
         """Add the plot."""
         self._drawn: tuple[Rig, Outlook | None] | None = None
-        blank = np.full(2, np.nan)
         self._plot = server.gui.add_uplot(
-            (np.array([-1.0, 1.0]), blank, blank, blank, blank),
+            empty(4),
             (
                 uplot.Series(label="poles"),
-                _dots("as the gain grows", PATH, 3),
-                _dots("open loop", OPEN, 10, hollow=True),
-                _dots("closed loop", CLOSED, 6),
+                dots("as the gain grows", PATH, 3),
+                dots("open loop", OPEN, 10, hollow=True),
+                dots("closed loop", CLOSED, 6),
                 uplot.Series(label="stability limit", stroke=ZERO, width=1.0, points={"show": False}),
             ),
             title="frequency [Hz] over growth rate [1/s]",
-            scales=_scales((-1.0, 1.0), (0.0, 1.0)),
+            scales=scales((-1.0, 1.0), (0.0, 1.0)),
             axes=axes(),
             legend=uplot.Legend(show=True, live=False),
             height=HEIGHT,
@@ -56,15 +55,8 @@ class LocusPlot:
         left = max(ROOM * min(before[:, 0].min(initial=-1.0), after[:, 0].min(initial=-1.0)), -ROOM * 4e3)
         right = ROOM * max(before[:, 0].max(initial=1.0), after[:, 0].max(initial=1.0), -0.1 * left)
         axis = np.array([[0.0, 0.0], [0.0, top]])
-        groups = (path, before, after, axis)
-        x = np.concatenate([group[:, 0] for group in groups])
-        order = np.argsort(x, kind="stable")
-        columns = []
-        for k in range(len(groups)):
-            parts = [group[:, 1] if i == k else np.full(len(group), np.nan) for i, group in enumerate(groups)]
-            columns.append(np.array(np.concatenate(parts)[order], dtype=np.float64))
-        self._plot.data = (np.array(x[order], dtype=np.float64), *columns)
-        self._plot.scales = _scales((left, right), (0.0, top))
+        self._plot.data = columns((path, before, after, axis))
+        self._plot.scales = scales((left, right), (0.0, top))
 
 
 def _open(rig: Rig) -> Complexes:
@@ -76,14 +68,3 @@ def _upper(poles: Complexes, top: float) -> NDArray[np.floating]:
     hertz = poles.imag / (2 * np.pi)
     kept = (hertz >= 0) & (hertz <= top)
     return np.column_stack([poles.real[kept], hertz[kept]])
-
-
-def _dots(label: str, colour: str, size: int, hollow: bool = False) -> uplot.Series:
-    """Points of one kind; hollow ones show what lies on them."""
-    fill = "rgba(0,0,0,0)" if hollow else colour
-    points: uplot.Series_Points = {"show": True, "size": size, "fill": fill, "stroke": colour, "width": 2}
-    return uplot.Series(label=label, stroke=colour, width=0.0, points=points)
-
-
-def _scales(x: tuple[float, float], y: tuple[float, float]) -> dict[str, uplot.Scale]:
-    return {"x": uplot.Scale(time=False, auto=False, range=x), "y": uplot.Scale(auto=False, range=y)}

@@ -7,6 +7,7 @@ import viser
 import viser.uplot as uplot
 from numpy.typing import NDArray
 
+from flutterviz.charts import axes, scales
 from flutterviz.history import CHANNELS_KEPT, History
 
 POINTS = 450  # on a line; more than a docked panel has pixels
@@ -29,7 +30,7 @@ class Plots:
             (nothing, blank),
             (uplot.Series(label="t"), _line("w/h", COLOURS[0])),
             title="w / h at 0.75 a, over time [ms]",
-            scales=_scales(),
+            scales=scales((0.0, 1.0), (-1.0, 1.0)),
             axes=axes(),
             legend=uplot.Legend(show=False),
             height=HEIGHT,
@@ -38,7 +39,7 @@ class Plots:
             (nothing, *[blank] * MODES_SHOWN),
             (uplot.Series(label="t"), *(_line(f"mode {k + 1}", COLOURS[k]) for k in range(MODES_SHOWN))),
             title="modal amplitudes / h, largest five",
-            scales=_scales(),
+            scales=scales((0.0, 1.0), (-1.0, 1.0)),
             axes=axes(),
             legend=uplot.Legend(show=True, live=False),
             height=HEIGHT + 10,
@@ -52,7 +53,7 @@ class Plots:
                 _line("limit", LIMIT_COLOUR, 1.0),
             ),
             title=self._volts_title(limit),
-            scales=_scales((-1.15 * limit, 1.15 * limit)),
+            scales=scales((0.0, 1.0), (-1.15 * limit, 1.15 * limit)),
             axes=axes(),
             legend=uplot.Legend(show=False),
             height=HEIGHT,
@@ -73,14 +74,14 @@ class Plots:
         start = max(ms[-1] - 1e3 * span, 0.0)  # the first moments fill the plot from the left
         window = (start, start + 1e3 * span)
         self._probe.data = _data(ms, rows.probe)
-        self._probe.scales = _scales(_symmetric(rows.probe, 0.1), window)
+        self._probe.scales = scales(window, _symmetric(rows.probe, 0.1))
         self._choose_modes(rows)
         unused = [np.full(len(ms), np.nan)] * (MODES_SHOWN - len(self._shown))
         self._modes.data = _data(ms, *(rows.modal[:, k] for k in self._shown), *unused)
-        self._modes.scales = _scales(_symmetric(rows.modal, 0.1), window)
+        self._modes.scales = scales(window, _symmetric(rows.modal, 0.1))
         ends = np.full(len(ms), limit)
         self._volts.data = _data(ms, *rows.volts.T, ends, -ends)
-        self._volts.scales = _scales((-1.15 * limit, 1.15 * limit), window)
+        self._volts.scales = scales(window, (-1.15 * limit, 1.15 * limit))
         if limit != self._limit:
             self._limit = limit
             self._volts.title = self._volts_title(limit)
@@ -108,23 +109,6 @@ def _data(*columns: NDArray[np.floating]) -> tuple[NDArray[np.float64], ...]:
 
 def _line(label: str, colour: str, width: float = 1.5) -> uplot.Series:
     return uplot.Series(label=label, stroke=colour, width=width, points={"show": False})
-
-
-def _scales(y: tuple[float, float] = (-1.0, 1.0), x: tuple[float, float] = (0.0, 1.0)) -> dict[str, uplot.Scale]:
-    return {
-        "x": uplot.Scale(time=False, auto=False, range=x),
-        "y": uplot.Scale(auto=False, range=y),
-    }
-
-
-def axes() -> tuple[uplot.Axis, ...]:
-    """Axes in a muted colour that reads on light and dark."""
-    muted, faint = "#8a93a3", "#8a93a340"
-    grid, ticks = uplot.Axis_Grid(stroke=faint, width=1), uplot.Axis_Ticks(stroke=faint, width=1)
-    return (
-        uplot.Axis(stroke=muted, grid=grid, ticks=ticks, size=28, font="11px system-ui"),
-        uplot.Axis(stroke=muted, grid=grid, ticks=ticks, size=42, font="11px system-ui"),
-    )
 
 
 def _symmetric(values: np.ndarray, least: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Owns the command `search`: its options, progress while it runs, and what Ctrl-C does."""
+"""Owns the command `search`: its options, what is kept of it while it runs, and what Ctrl-C does."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError
 from dataclasses import dataclass, field
-from datetime import timedelta
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
 import msgspec
 import tyro
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from flutterviz.arguments import DesignName, JsonFlag
-from flutterviz.ranktable import objective_value, print_ranking
+from flutterviz.ranktable import print_ranking
 from flutterviz.tables import ERR, warn
 from solver import Design, Stream
 from solver.ranking import Ranking
@@ -30,7 +28,6 @@ from solver.workers import workers
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
-STAGES = {"screen": "looking", "run": "running"}
 
 
 @dataclass(frozen=True)
@@ -102,25 +99,18 @@ def _stopped_once() -> Iterator[None]:
 def _watched(options: SearchOptions, task: Task, design: Design, journal: Journal | None) -> Found | None:
     """Follow a search to its end, or until it is interrupted; gives where it then stood."""
     last: Found | None = None
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(20),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[best]}"),
-    )
     try:
+        from flutterviz.searchbar import bar_of, show  # here, because other commands have no use for it
+
         with (
             workers(options.executor, options.workers) as executor,
-            Progress(*columns, console=ERR, transient=True) as bars,
+            bar_of(task, ERR) as bars,
         ):
-            bar = bars.add_task(task.method, total=None, rate="", left="", best="")
-            for last in search(design, task, executor, journal.known if journal is not None else ()):
+            known = journal.known if journal is not None else ()
+            for last in search(design, task, executor, known):
                 if journal is not None and last.score is not None:
                     journal.add(last.score)
-                _show(bars, bar, task, last)
+                show(bars, task, last, len(known))
     except KeyboardInterrupt:
         if last is not None:
             ERR.print("interrupted: what was found so far follows")
@@ -134,23 +124,6 @@ def _watched(options: SearchOptions, task: Task, design: Design, journal: Journa
             "from what was found, --workers 1 takes less memory"
         ) from None
     return last
-
-
-def _show(bars: Progress, bar: TaskID, task: Task, found: Found) -> None:
-    """Draw where a search stands. How long it still takes is known of a method that names all layouts at once."""
-    shown = bars.tasks[0]
-    if shown.total != found.due or shown.completed > found.done:
-        bars.update(bar, total=None)  # forgets the speed of another stage
-    remaining = shown.time_remaining if task.method in ("nfcg", "exhaustive") else None
-    bars.update(
-        bar,
-        total=found.due,
-        completed=found.done,
-        description=f"{task.method}: {found.evaluated} looked at, {found.measured} run · {STAGES[found.stage]}",
-        rate=f"{shown.speed:.1f}/s" if shown.speed else "",
-        left=f"{timedelta(seconds=int(remaining))} left at most" if remaining is not None else "",
-        best=f"best {objective_value(task, found.best)}" if found.best else "",
-    )
 
 
 def _told(ranking: Ranking) -> dict[str, object]:

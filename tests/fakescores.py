@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import msgspec
 import pytest
+from hypothesis import HealthCheck, Phase, settings
 
 from solver import Design, MeshSize, Patches, Reduction, Run, load_design
 from solver.layouts import Layout
@@ -27,6 +28,13 @@ from solver.search import Progress
 from solver.task import Task
 
 Worth = Callable[[Layout], float]
+FEW = settings(
+    max_examples=12,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.explicit, Phase.generate],  # to shrink a failure would take minutes
+)
 
 
 @lru_cache

@@ -45,7 +45,6 @@ def progress(
         evaluated=ranking.evaluated,
         measured=ranking.measured,
         best=ranking.best,
-        news=True,
         stage="run",
         done=len(scores),
         due=known,

@@ -4,8 +4,8 @@ from itertools import combinations, pairwise
 from typing import get_args
 
 import pytest
-from fakescores import coarse, drawn, found, measuring, mirrored, plain, rough
-from hypothesis import HealthCheck, Phase, assume, given, settings
+from fakescores import FEW, coarse, drawn, found, measuring, mirrored, plain, rough
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from solver import Design
@@ -20,13 +20,6 @@ from solver.task import Method, Task, task_for
 
 METHODS: tuple[Method, ...] = get_args(Method)
 DESIGNS = (coarse(6, 4), coarse(5, 3), coarse(5, 4, wiring="element"))
-FEW = settings(
-    max_examples=12,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow],
-    phases=[Phase.explicit, Phase.generate],  # to shrink a failure would take minutes
-)
 
 
 def refused(design: Design, task: Task) -> bool:
