@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import queue
 import time
 import traceback
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from datetime import datetime
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal, ParamSpec
 
 import numpy as np
 import viser
@@ -16,19 +20,28 @@ import viser
 from flutterviz import colormap, heatmap
 from flutterviz import commands as do
 from flutterviz.background import Background
+from flutterviz.beside import Beside
+from flutterviz.builder import Builder
 from flutterviz.clock import FRAME, Clock, nearest_rate, next_rate
 from flutterviz.controls import Controls, Wish
 from flutterviz.finder import Finder, SearchWish
 from flutterviz.frontplot import FrontPlot
-from flutterviz.jobs import Job
+from flutterviz.jobs import NICER, Job
 from flutterviz.locusplot import LocusPlot
+from flutterviz.outlook import Outlook
 from flutterviz.plots import Plots
-from flutterviz.recording import Recording
-from flutterviz.rig import Rig, rig_of
 from flutterviz.scene import Ray, Scene, picked_element
-from flutterviz.session import Rows, Session, dragged
+from flutterviz.session import Rows, Session
+from flutterviz.session import dragged as dragged_by
 from solver import Design, Mesh, design_to_json
 from solver.authority import CRITERIA
+
+if TYPE_CHECKING:
+    from flutterviz.recording import Recording
+
+P = ParamSpec("P")
+Wanted = do.Command | Wish | Ray | SearchWish | Literal["built"]
+"""What comes into the inbox; of the builder, that a rig is ready."""
 
 PLOT_EVERY = 3  # frames: ten times a second
 SURFACE_EVERY = 2  # frames: a recorded surface is a hundred times as large as the row of numbers beside it
@@ -41,9 +54,23 @@ class Explorer:
     """A page on a server, and the loop that feeds it. Callbacks only put into the inbox; the loop owns the session."""
 
     def __init__(
-        self, session: Session, server: viser.ViserServer, record: Path | None = None, job: Job | None = None
+        self,
+        session: Session,
+        server: viser.ViserServer,
+        record: Path | None = None,
+        job: Job | None = None,
+        builder: Executor | None = None,
+        looker: Executor | None = None,
     ) -> None:
-        """Build the page; placements are searched for by a job.
+        """Build the page. A script that does must do it under `if __name__ == "__main__"`: other processes import it.
+
+        Args:
+            session: what it shows.
+            server: where.
+            record: a file to record to from the start.
+            job: by which placements are searched for.
+            builder: by which rigs are built, by default in another process.
+            looker: by which outlooks and maps are computed, by default in another process that is nicer.
 
         Raises:
             OSError: the recording cannot be written.
@@ -52,12 +79,11 @@ class Explorer:
         self.server = server
         self.clock = Clock(nearest_rate(session.period))
         self.running = True
-        self._inbox: queue.SimpleQueue[do.Command | Wish | Ray | SearchWish] = queue.SimpleQueue()
-        self._builder = ThreadPoolExecutor(1, thread_name_prefix="rebuild")
-        self._building: Future[Rig] | None = None
-        self._background = Background()
+        self._inbox: queue.SimpleQueue[Wanted] = queue.SimpleQueue()
+        self._builder = Builder(builder or Beside(), lambda: self.ask("built"))
+        self._background = Background(looker or Beside(NICER))
         self.finder = Finder(session.design, job or Job())
-        self._frame = 0
+        self._frame = self._text_due = 0
         self._shown_design = session.design
         self._recording: Recording | None = None
         self._record_name: str | None = None
@@ -75,35 +101,55 @@ class Explorer:
         panel.dock_left()
         panel.set_width(288)
         legend = self.scene.legend(session.rig.thickness)
-        self.controls = Controls(server, session, self.clock, legend, self.finder, self._inbox.put)
+        self.controls = Controls(server, session, self.clock, legend, self.finder, self.ask)
         server.scene.on_click()(self._clicked)
         if record is not None:
             self._start_recording(record)
         self._show()
 
+    def ask(self, wanted: Wanted) -> None:
+        """Put something into the inbox, from any thread."""
+        self._inbox.put(wanted)
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """What is known beyond this moment of the rig that runs, if it is by now."""
+        return self._background.outlook
+
     # --- callbacks: other threads ------------------------------------------------------------------------------------
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
-        self._inbox.put(Ray(event.ray_origin, event.ray_direction))
+        self.ask(Ray(event.ray_origin, event.ray_direction))
 
     # --- the loop ----------------------------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Feed the page until `running` is taken away; at most 30 frames a second."""
+        """Feed the page until `running` is taken away; at most 30 frames a second, and what is asked for at once."""
+        with contextlib.suppress(OSError):  # of which the first change will tell
+            self._builder.prepare(self.session.design)
+        gc.freeze()  # what is there by now lives on; to look through all of it would hold up a picture now and then
         due = time.perf_counter()
         while self.running:
-            try:
-                self.tick()
-            except Exception as error:  # a page that stands still and says why serves better than one that is gone
-                traceback.print_exc()
-                self.session.stop(f"{type(error).__name__}: {' '.join(str(error).split())}; reset to go on")
+            self._guarded(self.tick)
             due = max(due + FRAME, time.perf_counter() - FRAME)
-            time.sleep(max(0.0, due - time.perf_counter()))
+            while (rest := due - time.perf_counter()) > 0:
+                try:
+                    wanted = self._inbox.get(timeout=rest)
+                except queue.Empty:
+                    break
+                self._guarded(self._react, wanted)
+        gc.unfreeze()
+
+    def _guarded(self, step: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            step(*args, **kwargs)
+        except Exception as error:  # a page that stands still and says why serves better than one that is gone
+            traceback.print_exc()
+            self.session.stop(f"{type(error).__name__}: {' '.join(str(error).split())}; reset to go on")
 
     def tick(self) -> None:
         """One turn of the loop: commands, rebuild, motion, picture, recording."""
-        self._drain()
-        self._rebuild()
+        self._react()
         self._background.follow(self.session.rig)
         self.finder.follow(self.session)
         watched = bool(self.server.get_clients()) or self._recording is not None
@@ -120,38 +166,50 @@ class Explorer:
         self._record(rows)
 
     def close(self) -> None:
-        """End the recording and the threads beside the loop."""
-        self._builder.shutdown(wait=True, cancel_futures=True)
+        """End the recording and what works beside the loop."""
+        self._builder.close()
         self._background.close()
         self.finder.close()
         self._stop_recording()
 
-    def _drain(self) -> None:
-        while True:
-            try:
-                wanted = self._inbox.get_nowait()
-            except queue.Empty:
-                return
-            if isinstance(wanted, (str, tuple)):
-                self._grant(wanted)
-                continue
-            if isinstance(wanted, Ray):
-                design = self.session.rig.design
-                element = picked_element(
-                    Mesh.of(design.panel, design.mesh), self.session.rig.grid, self.scene.height, wanted
-                )
-                if element is None:
-                    continue
-                wanted = do.TogglePatch(element)
-            if isinstance(wanted, SearchWish):
-                self.finder.grant(wanted, self.session)
-            else:
-                self.session.apply(wanted)
-            if self.session.design != self._shown_design or isinstance(wanted, do.SetControl):
-                self._shown_design = self.session.design
-                self.controls.follow(self.session, "" if isinstance(wanted, SearchWish) else dragged(wanted))
+    def _react(self, first: Wanted | None = None) -> None:
+        """Carry out what has come in, and have the rig built that it takes."""
+        dragged = None
+        for wanted in self._come_in(first):
+            told = self._carry_out(wanted)
+            dragged = dragged if told is None else told
+        self._rebuild()  # before the widgets are written: the other process can begin
+        if dragged is not None:
+            self.controls.follow(self.session, dragged)
 
-    def _grant(self, wish: Wish) -> None:
+    def _come_in(self, first: Wanted | None) -> Iterator[Wanted]:
+        if first is not None:
+            yield first
+        with contextlib.suppress(queue.Empty):
+            while True:
+                yield self._inbox.get_nowait()
+
+    def _carry_out(self, wanted: Wanted) -> str | None:
+        """Do what is wanted; where it changes the design, tells what is being dragged by it, if anything is."""
+        if isinstance(wanted, (str, tuple)):
+            self._grant(wanted)
+            return None
+        if isinstance(wanted, Ray):
+            design = self.session.design  # of the wanted one, whichever is drawn: it is what a click changes
+            element = picked_element(Mesh.of(design.panel, design.mesh), self.scene.grid, self.scene.height, wanted)
+            if element is None:
+                return None
+            wanted = do.TogglePatch(element)
+        if isinstance(wanted, SearchWish):
+            self.finder.grant(wanted, self.session)
+        else:
+            self.session.apply(wanted)
+        if self.session.design == self._shown_design and not isinstance(wanted, do.SetControl):
+            return None
+        self._shown_design = self.session.design
+        return "" if isinstance(wanted, SearchWish) else dragged_by(wanted)
+
+    def _grant(self, wish: Wish | Literal["built"]) -> None:
         """Do what concerns the page and not the panel."""
         match wish:
             case ("rate", steps):
@@ -174,19 +232,21 @@ class Explorer:
                 self._toggle_recording()
 
     def _rebuild(self) -> None:
-        """Build the wanted design's rig beside the loop and swap it in when ready; the panel moves on meanwhile."""
-        session = self.session
-        if self._building is not None and self._building.done():
-            try:
-                session.adopt(self._building.result())
+        """Swap in the rig that is ready, and have the wanted one built; the panel moves on meanwhile."""
+        session, builder = self.session, self._builder
+        try:
+            built = builder.taken()
+            if built is not None:
+                session.adopt(built.rig, built.start)
                 self.plots.forget_modes()
-            except (ValueError, ArithmeticError, MemoryError) as error:  # DesignError, LinAlgError and their like
-                session.refuse(f"the change was taken back: {' '.join(str(error).split())}")
-                self._shown_design = session.design
-                self.controls.follow(session)
-            self._building = None
-        if session.stale and self._building is None:
-            self._building = self._builder.submit(rig_of, session.design, session.rig)
+            if session.stale and not builder.busy:
+                builder.begin(session.design, session.rig)
+        except (ValueError, ArithmeticError, MemoryError, OSError) as error:  # DesignError, LinAlgError and their like
+            if session.design != builder.design:
+                return  # it has been changed since, and may do now
+            session.refuse(f"the change was taken back: {' '.join(str(error).split())}")
+            self._shown_design = session.design
+            self.controls.follow(session)
 
     def _show(self) -> None:
         session, rig = self.session, self.session.rig
@@ -200,9 +260,10 @@ class Explorer:
             if self._frame % PLOT_EVERY == 0:
                 span = max(PLOT_CYCLES * session.period, min(PLOT_SECONDS * self.clock.rate, 0.5))
                 self.plots.show(session.history, span, rig.design.control.voltage_limit)
-            if self._frame % TEXT_EVERY == 0:
+            if self._frame >= self._text_due and not self._builder.completing:
+                self._text_due = self._frame + TEXT_EVERY
                 self.scene.keep_framed(self.server.get_clients())
-                self.locus.show(rig, self._background.outlook)
+                self.locus.show(rig, self.outlook)
                 self.front.show(self.finder.found)
                 self._show_legend()
                 self.controls.refresh(
@@ -210,7 +271,7 @@ class Explorer:
                     self.clock,
                     len(self.server.get_clients()),
                     self._recording_facts(),
-                    self._background.outlook,
+                    self.outlook,
                     self.finder,
                 )
 
@@ -242,6 +303,8 @@ class Explorer:
             self.session.note(str(error))
 
     def _start_recording(self, path: Path) -> None:
+        from flutterviz.recording import Recording  # here, because rerun is slow to import, and few record
+
         session, grid = self.session, self.session.rig.grid
         self._recording = Recording(
             path,

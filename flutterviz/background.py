@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 
 import msgspec
 
 from flutterviz.outlook import Outlook, outlook_of
+from flutterviz.parcel import packed, unpacked
 from flutterviz.rig import Rig
 from solver import Design
 from solver.authority import AuthorityMap, Criterion, authority
@@ -16,15 +18,15 @@ PATIENCE = 0.7  # s that a rig must stand before one looks ahead for it: who tog
 
 
 class Background:
-    """Outlook and authority map of the present rig, each a little late, in a thread of its own."""
+    """Outlook and authority map of the present rig, each a little late."""
 
-    def __init__(self) -> None:
-        """Begin with nothing to do."""
+    def __init__(self, executor: Executor) -> None:
+        """Begin with nothing to do; an executor is to do it, of another process, or it would hold up the loop."""
+        self._executor = executor
         self.outlook: Outlook | None = None
         self.criterion: Criterion | None = None
         self.map: AuthorityMap | None = None
         self.trouble = ""
-        self._workers = (ThreadPoolExecutor(1, "outlook"), ThreadPoolExecutor(1, "map"))
         self._looking: Future[Outlook] | None = None
         self._looked: Design | None = None
         self._present: Design | None = None
@@ -55,7 +57,8 @@ class Background:
         rests = time.perf_counter() - self._since > PATIENCE
         if self._looking is None and self._looked != rig.design and rests:
             self._looked = rig.design
-            self._looking = self._workers[0].submit(outlook_of, rig)
+            with contextlib.suppress(OSError):  # no process can be begun: nothing is known then
+                self._looking = self._executor.submit(_look, packed(rig))
 
     def _follow_map(self, design: Design) -> None:
         if self._mapping is not None and self._mapping.done():
@@ -66,15 +69,22 @@ class Background:
         wanted = None if self.criterion is None else (self.criterion, *map_basis(design, self.criterion))
         if wanted != self._mapped and self._mapping is None:
             self._mapped = wanted
-            if self.criterion is not None:
-                self._mapping = self._workers[1].submit(authority, design, self.criterion)
+            try:
+                if self.criterion is not None:
+                    self._mapping = self._executor.submit(authority, design, self.criterion)
+            except OSError as error:
+                self.trouble = str(error)
         if self.map is not None and self.map.criterion != self.criterion:
             self.map = None
 
     def close(self) -> None:
-        """End the threads."""
-        for worker in self._workers:
-            worker.shutdown(wait=True, cancel_futures=True)
+        """End the work under way."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _look(parcel: bytes) -> Outlook:
+    """The outlook of a rig that comes as a parcel."""
+    return outlook_of(unpacked(parcel))
 
 
 def map_basis(design: Design, criterion: Criterion) -> tuple[object, ...]:

@@ -17,14 +17,24 @@ class History:
     def __init__(self, modes: int) -> None:
         """Begin empty, for a given number of modes."""
         self.modes = modes
-        self._rows = np.empty((0, 3 + CHANNELS_KEPT + modes))
+        self._rows = self._buffer = np.empty((0, 3 + CHANNELS_KEPT + modes))
+        self._end = 0  # of the rows in the buffer
 
     def append(self, times: Floats, probe: Floats, largest: Floats, volts: Floats, modal: Floats) -> None:
         """Add k rows: times [s], w at the probe and largest |w| over h, volts (k, channels), modal (k, modes)."""
-        kept = np.full((len(times), CHANNELS_KEPT), np.nan)
-        shown = min(CHANNELS_KEPT, volts.shape[1])
-        kept[:, :shown] = volts[:, :shown]
-        self._rows = np.vstack([self._rows, np.column_stack([times, probe, largest, kept, modal])])[-ROWS:]
+        begin, end = self._end, self._end + len(times)
+        if end > len(self._buffer):  # now and then: rows are moved once in so many, and what was given out stays
+            past = self._rows
+            self._buffer = np.empty((2 * ROWS + len(times), self._buffer.shape[1]))
+            begin, end = len(past), len(past) + len(times)
+            self._buffer[:begin] = past
+        rows, shown = self._buffer[begin:end], min(CHANNELS_KEPT, volts.shape[1])
+        rows[:, 0], rows[:, 1], rows[:, 2] = times, probe, largest
+        rows[:, 3 : 3 + shown] = volts[:, :shown]
+        rows[:, 3 + shown : 3 + CHANNELS_KEPT] = np.nan
+        rows[:, 3 + CHANNELS_KEPT :] = modal
+        self._end = end
+        self._rows = self._buffer[max(end - ROWS, end - len(self._rows) - len(times)) : end]
 
     def clear(self) -> None:
         """Forget everything."""

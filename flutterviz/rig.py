@@ -53,18 +53,32 @@ class Rig:
         """Panel thickness h [m]."""
         return self.design.panel.thickness
 
+    @property
+    def complete(self) -> bool:
+        """Whether λ_cr is known; if not, who asks the plant for it waits as long as for a good part of the rig."""
+        return "critical" in vars(self.plant)
+
+    def complete_with(self, critical: tuple[float, float] | None) -> None:
+        """Take the plant's `critical` from who has computed it elsewhere."""
+        vars(self.plant)["critical"] = critical
+
     def displacement(self, state: Floats) -> Floats:
         """(nvx, nvy) w on the display grid [m] at a state (2n,)."""
         return (self.surface @ state[: self.plant.size]).reshape(self.grid.shape)
 
 
-def rig_of(design: Design, last: Rig | None = None) -> Rig:
+def rig_of(design: Design, last: Rig | None = None, complete: bool = True) -> Rig:
     """Build the rig of a design, using again what a change of flow or control leaves as it is.
+
+    Args:
+        design: the design.
+        last: a rig before.
+        complete: with λ_cr, which takes long and which nothing that moves depends on.
 
     Raises:
         DesignError: the design cannot be simulated, as with all modes retained.
     """
-    same = last is not None and _structure(design) == _structure(last.design)
+    same = last is not None and same_structure(design, last.design)
     plant = Plant.of(design, last.plant.model if last is not None and same else None)
     refusal = None
     try:
@@ -72,7 +86,9 @@ def rig_of(design: Design, last: Rig | None = None) -> Rig:
     except ControlError as error:
         refusal = str(error)
         loop = Loop.of(plant, Law.idle(plant))
-    _ = plant.model.membrane, plant.critical, loop.poles  # computed here, where waiting does no harm
+    _ = plant.model.membrane, plant.growth, loop.poles, loop.growth  # computed here, where waiting does no harm
+    if complete:
+        _ = plant.critical
     grid = DisplayGrid(design.panel.length, design.panel.width, design.mesh.nx, design.mesh.ny)
     keep = last if same else None
     return Rig(
@@ -86,6 +102,16 @@ def rig_of(design: Design, last: Rig | None = None) -> Rig:
         refusal=refusal,
         shortfall=refusal or (shortfall(loop) if loop.law.asks or not plant.channels else ""),
     )
+
+
+def same_structure(design: Design, other: Design) -> bool:
+    """Whether two designs have their modes in common."""
+    return _structure(design) == _structure(other)
+
+
+def same_panel(design: Design, other: Design) -> bool:
+    """Whether the motion of one can go on in the other: on the same mesh of the same panel."""
+    return (design.panel, design.mesh) == (other.panel, other.mesh)
 
 
 def _structure(design: Design) -> tuple[object, ...]:

@@ -42,7 +42,7 @@ class Scene:
         server.scene.add_glb(
             "/anchor", anchor_glb(), scale=1e-5, position=(0.5, 0.5, -1e-3), cast_shadow=False, receive_shadow=False
         )
-        self._grid = rig.grid
+        self.grid = rig.grid  # of the picture that is shown, as `height`
         self._packer = SurfacePacker(rig.grid, patched)
         self._painted: AuthorityMap | None = None
         self.height = np.zeros(rig.grid.shape)
@@ -100,7 +100,7 @@ class Scene:
 
     @property
     def _sides(self) -> tuple[float, float]:
-        return self._grid.length * self._grid.scale, self._grid.width * self._grid.scale
+        return self.grid.length * self.grid.scale, self.grid.width * self.grid.scale
 
     def _surroundings(self, design: Design) -> None:
         """The undeformed outline, the direction of the flow and the names of the edges."""
@@ -127,7 +127,6 @@ class Scene:
     def rebuild(self, grid: DisplayGrid, patched: tuple[int, ...], marked: tuple[int, ...] = ()) -> None:
         """Lay the panel out again for other patches, other marked elements or another mesh."""
         if (grid, patched, marked) != (self._packer.grid, self._packer.patched, self._packer.marked):
-            self._grid = grid
             self._packer = SurfacePacker(grid, patched, marked)
             self._painted = None
 
@@ -143,7 +142,8 @@ class Scene:
         """Draw the panel: (nvx, nvy) displacement over h, and h [m]."""
         if w_over_h.shape != self._packer.grid.shape:
             return  # a rig for another mesh is on its way
-        self.height = w_over_h * (thickness * self._grid.scale * self.exaggeration)
+        self.grid = self._packer.grid
+        self.height = w_over_h * (thickness * self.grid.scale * self.exaggeration)
         self._panel.glb_data = self._packer.pack(self.height, w_over_h / self.limit)
 
     def step_exaggeration(self, steps: int) -> None:
@@ -205,9 +205,11 @@ class Ray:
 
 
 def picked_element(mesh: Mesh, grid: DisplayGrid, height: Floats, ray: Ray) -> int | None:
-    """Id of the element that a ray first meets, or None."""
+    """Id of the element that a ray first meets, or None; on another panel than is shown, at the same shares of it."""
     point = pick(grid, height, np.array(ray.origin), np.array(ray.direction))
-    return None if point is None else mesh.element_at(*point)
+    if point is None:
+        return None
+    return mesh.element_at(point[0] * (mesh.length / grid.length), point[1] * (mesh.width / grid.width))
 
 
 def _height_at(grid: DisplayGrid, height: Floats, x: Floats, y: Floats) -> Floats:

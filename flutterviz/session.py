@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flutterviz import commands as do
 from flutterviz.history import History
-from flutterviz.rig import Rig, in_flutter, rig_of
+from flutterviz.rig import Rig, in_flutter, rig_of, same_panel
 from solver import Control, Design, DesignError, Memory, Stream
 from solver.aerodynamics import design_at_pressure
 from solver.simulate import SAMPLES_A_PERIOD, first_mode_at_rest
@@ -261,20 +261,21 @@ class Session:
         """Whether the rig was built for another design than the one wanted now."""
         return self.rig.design != self.design
 
-    def adopt(self, rig: Rig) -> None:
+    def adopt(self, rig: Rig, start: Floats | None = None) -> None:
         """Swap in a rig; the motion carries over as its mass-weighted projection on the new modes.
 
-        On another mesh or panel there is nothing to project on, and the panel starts in flutter anew.
+        On another mesh or panel there is nothing to project on, and the panel starts in flutter anew: at `start`, the
+        state (2n,) that `in_flutter` gives, which takes some time to compute.
         """
         old = self.rig
-        if (old.design.panel, old.design.mesh) == (rig.design.panel, rig.design.mesh):
+        if same_panel(rig.design, old.design):
             if old.plant.model is not rig.plant.model:
                 halves = self.state.reshape(2, -1)
                 self.state = rig.plant.model.project(old.plant.model, halves).ravel()
             if rig.plant.size != old.plant.size:
                 self.history = History(rig.plant.size)
         else:
-            self.state = in_flutter(rig)
+            self.state = in_flutter(rig) if start is None else start
             self.history = History(rig.plant.size)
         if self.engaged and rig.refusal:
             self.note(rig.refusal)

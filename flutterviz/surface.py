@@ -1,17 +1,20 @@
-"""The deformed panel as one binary glTF buffer a frame: coloured surface, element grid, patch frames and marks."""
+"""Owns the shape of the deformed panel as it is drawn: coloured surface, element grid, patch frames and marks."""
 
-import json
-import struct
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from flutterviz import colormap
+from flutterviz.glb import Glb, Part
+
+if TYPE_CHECKING:
+    import trimesh
 
 Floats = NDArray[np.floating]
 
@@ -35,13 +38,16 @@ _GOLD: Final = colormap.single((236, 178, 42))
 MARK: Final = (214, 93, 177)  # sRGB [0..255]
 _BRIGHT: Final = colormap.single(MARK)
 
+# Draw calls share indices: more of them cost the browser, fewer the wire.
+_BLOCKS: Final = 4  # draw calls of the plate
+_RINGS_TOGETHER: Final = 16  # rings to a draw call
+
 # Rims, height over the surface, and colour.
 _Ring = tuple[tuple[float, float], float, NDArray[np.uint16]]
 _PATCH_RINGS: Final = ((_FRAME_DARK, _LIFT, _DARK), (_FRAME_GOLD, 2.0 * _LIFT, _GOLD))
 _MARK_RINGS: Final = ((_MARK_DARK, _LIFT, _DARK), (_MARK_BRIGHT, 2.0 * _LIFT, _BRIGHT))
 _WITHIN_RINGS: Final = ((_WITHIN_DARK, _LIFT, _DARK), (_WITHIN_BRIGHT, 2.0 * _LIFT, _BRIGHT))
 
-_BOUND_WIDTH: Final = 17  # characters of "-1.234567890e+01", which is exact for a float32, and one to spare
 _Z_LIMIT: Final = 10.0  # scene units; a diverging run must not take the depth range along
 
 
@@ -89,10 +95,10 @@ class DisplayGrid:
 class SurfacePacker:
     """Packs the panel's momentary shape and colours as a GLB; everything that stands still is laid out once.
 
-    The GLB holds one mesh with one unlit, double-sided material and vertex colours: one draw call in the browser. The
-    element grid is not drawn over the surface but *in* it, as dark strips between the cells, so it can never flicker
-    against it and shows from below as well. Frames of patched and marked elements float a hair above it and below it.
-    Its axes are the panel's (x downstream, y across, z up), its unit the scene's (`DisplayGrid.scale`).
+    The GLB is drawn with unlit, double-sided materials, the plate's with vertex colours. The element grid is not drawn
+    over the surface but *in* it, as dark strips between the cells, so it can never flicker against it and shows from
+    below as well. Frames of patched and marked elements float a hair above it and below it. Its axes are the panel's
+    (x downstream, y across, z up), its unit the scene's (`DisplayGrid.scale`).
     """
 
     def __init__(self, grid: DisplayGrid, patched: tuple[int, ...] = (), marked: tuple[int, ...] = ()) -> None:
@@ -109,25 +115,20 @@ class SurfacePacker:
         self.grid: Final = grid
         self.patched: Final = patched
         self.marked: Final = marked
-        plate, lines, weights, element = _plate(grid)
-        parts = [plate, lines]
+        plate = _plate(grid)
+        self._plate: Final = plate
+        self._painted = False
+        points, weights, parts = [plate.points], [plate.weights], list(plate.parts)
         alone = tuple(element for element in marked if element not in patched)
         within = tuple(element for element in marked if element in patched)
         for elements, rings in ((patched, _PATCH_RINGS), (alone, _MARK_RINGS), (within, _WITHIN_RINGS)):
-            if elements:
-                frames = _frames(grid, elements, rings)
-                weights = sparse.vstack([weights, _interpolation(grid, frames.points)], format="csr")
-                parts.append(frames)
-        mesh = _joined(parts)
-        self._coloured: Final = len(plate.points)
-        self._element: Final = element
-        self._painted = False
-        self._weights: Final = weights
-        self._lift: Final = mesh.lift
-        self._buffer, self._bounds, start = _layout(mesh)
-        count = len(mesh.points)
-        self._position: Final = np.ndarray((count, 3), np.float32, self._buffer, start)
-        self._colour: Final = np.ndarray((count, 4), np.uint16, self._buffer, start + 12 * count)
+            for rims, lift, colour in rings if elements else ():
+                part = _ring_part(grid, sum(map(len, points)), len(elements), lift, colour)
+                points.append(_ring_points(grid, elements, rims))
+                weights.append(_interpolation(grid, points[-1]))
+                parts.append(part)
+        self._weights: Final = sparse.vstack(weights, format="csr") if len(weights) > 1 else plate.weights
+        self._glb: Final = Glb(np.vstack(points), len(plate.points), parts)
 
     def paint(self, colours: NDArray[np.uint16] | None) -> None:
         """Show a map: each element in one colour, in every frame from the next on, instead of the displacement.
@@ -141,7 +142,7 @@ class SurfacePacker:
             if colours.shape != wanted or colours.dtype != np.uint16:
                 # Colours of another type, as 0..1 or 0..255, would fit and all come out black.
                 raise ValueError(f"element colours must be {wanted} of uint16, not {colours.shape} of {colours.dtype}")
-            self._colour[: self._coloured] = colours[self._element]
+            self._glb.colours[:] = colours[self._plate.element]
         self._painted = colours is not None
 
     def pack(self, z: ArrayLike, values: ArrayLike) -> bytes:
@@ -159,13 +160,9 @@ class SurfacePacker:
         if not height.shape == shade.shape == self.grid.shape:
             raise ValueError(f"z {height.shape} and values {shade.shape} must both have the grid's {self.grid.shape}")
         flat = np.nan_to_num(height.ravel(), posinf=0.0, neginf=0.0).clip(-_Z_LIMIT, _Z_LIMIT)
-        self._position[:, 2] = self._weights @ flat + self._lift
         if not self._painted:
-            self._colour[: self._coloured] = colormap.gltf_rgba((self._weights @ shade.ravel())[: self._coloured])
-        tops = self._position[:, 2]
-        for at, bound in zip(self._bounds, (tops.min(), tops.max()), strict=True):
-            self._buffer[at : at + _BOUND_WIDTH] = b"%*.9e" % (_BOUND_WIDTH, bound)
-        return bytes(self._buffer)
+            self._glb.colours[:] = colormap.gltf_rgba(self._plate.weights @ shade.ravel())
+        return self._glb.pack(self._weights @ flat)
 
 
 def anchor_glb() -> bytes:
@@ -188,6 +185,8 @@ def to_trimesh(grid: DisplayGrid, z: ArrayLike, values: ArrayLike) -> trimesh.Tr
     Returns:
         A mesh of nvx * nvy vertices [scene units], vertex p * nvy + q at node (p, q), faces wound for a normal upwards.
     """
+    import trimesh  # here, because exports alone need it, and the page is to open soon
+
     x, y = np.meshgrid(grid.x * grid.scale, grid.y * grid.scale, indexing="ij")
     vertices = np.column_stack([x.ravel(), y.ravel(), np.asarray(z, dtype=float).ravel()])
     colours = colormap.display_rgb(np.ravel(values))
@@ -195,44 +194,40 @@ def to_trimesh(grid: DisplayGrid, z: ArrayLike, values: ArrayLike) -> trimesh.Tr
 
 
 @dataclass(frozen=True)
-class _Part:
-    """Vertices that lie on the panel and move with it."""
+class _Plate:
+    """The cells of the plate and the strips between them, which share their vertices."""
 
-    points: Floats  # (n, 2) place on the undeformed panel [scene units]
-    lift: Floats  # (n,) height over the deformed panel [scene units]
-    colours: NDArray[np.uint16]  # (n, 4) as glTF takes them
-    faces: NDArray[np.intp]  # (m, 3) vertices, counter-clockwise from above
-
-
-def _joined(parts: list[_Part]) -> _Part:
-    starts = np.cumsum([0, *(len(part.points) for part in parts)])
-    return _Part(
-        np.vstack([part.points for part in parts]),
-        np.hstack([part.lift for part in parts]),
-        np.vstack([part.colours for part in parts]),
-        np.vstack([part.faces + start for part, start in zip(parts, starts, strict=False)]),
-    )
+    points: Floats  # (n, 2) vertices, place on the undeformed panel [scene units]
+    weights: sparse.csr_array  # (n, nvx * nvy) their interpolation
+    element: NDArray[np.intp]  # (n,) the element whose cells a vertex belongs to
+    parts: tuple[Part, ...]
 
 
 @lru_cache(maxsize=4)
-def _plate(grid: DisplayGrid) -> tuple[_Part, _Part, sparse.csr_array, NDArray[np.intp]]:
-    """Coloured cells, the dark strips of the element grid between them, both parts' interpolation, and elements.
+def _plate(grid: DisplayGrid) -> _Plate:
+    """The plate of a grid; kept, because it is the larger part of the work and a patch toggle does not change it.
 
-    The last has (n,) the element that each vertex of the coloured cells belongs to. It is one only, because a strip
-    parts the cells of two elements everywhere; and it is counted off, not measured, so that rounding cannot matter.
-
-    Cached, because it is the larger part of the work and a patch toggle does not change it.
+    A strip parts the cells of two elements everywhere, so each vertex of a cell belongs to one element only, which is
+    counted off and not measured, so that rounding cannot matter. Vertices on the panel's rim, beyond the outermost
+    strip, belong to no cell.
     """
     x, seam_x = _split_axis(grid.length * grid.scale, grid.nx, grid.per_x)
     y, seam_y = _split_axis(grid.width * grid.scale, grid.ny, grid.per_y)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    quads = _cells((len(x), len(y)))
-    seam = (seam_x[:, None] | seam_y).ravel()
-    plate, lines = _flat_part(points, quads[~seam]), _flat_part(points, quads[seam])
     # Along each side an element has per + 1 positions of its own; one before the first lies on the panel's rim.
-    p, q = np.divmod(np.unique(quads[~seam]), len(y))  # in the order of the part's vertices
-    element = (p - 1) // (grid.per_x + 1) * grid.ny + (q - 1) // (grid.per_y + 1)
-    return plate, lines, _interpolation(grid, np.vstack([plate.points, lines.points])), element
+    i = ((np.arange(len(x)) - 1) // (grid.per_x + 1)).clip(0, grid.nx - 1)
+    j = ((np.arange(len(y)) - 1) // (grid.per_y + 1)).clip(0, grid.ny - 1)
+    # A piece is a column of elements along y with the strip before it; the last strip of all is a piece of its own.
+    per = grid.per_x + 1
+    cells = _cells((per + 1, len(y)))
+    seam = (seam_x[:per, None] | seam_y).ravel()
+    stride, span, together = per * len(y), (per + 1) * len(y), -(-grid.nx // _BLOCKS)
+    parts = (
+        Part(0, stride, span, grid.nx, together, _triangles(cells[~seam])),
+        Part(0, stride, span, grid.nx, together, _triangles(cells[seam]), _LINE),
+        Part(grid.nx * stride, stride, 2 * len(y), 1, 1, _triangles(_cells((2, len(y)))), _LINE),
+    )
+    return _Plate(points, _interpolation(grid, points), (i[:, None] * grid.ny + j).ravel(), parts)
 
 
 def _split_axis(side: float, elements: int, per: int) -> tuple[Floats, NDArray[np.bool_]]:
@@ -244,29 +239,21 @@ def _split_axis(side: float, elements: int, per: int) -> tuple[Floats, NDArray[n
     return positions, np.arange(len(positions) - 1) % (per + 1) == 0
 
 
-def _flat_part(points: Floats, quads: NDArray[np.intp]) -> _Part:
-    """The part of a set of points that some quads use, in the colour of the grid lines."""
-    used, quads = np.unique(quads, return_inverse=True)
-    colours = np.tile(_LINE, (len(used), 1))
-    return _Part(points[used], np.zeros(len(used)), colours, _triangles(quads.reshape(-1, 4)))
-
-
-def _frames(grid: DisplayGrid, elements: tuple[int, ...], rings: tuple[_Ring, _Ring]) -> _Part:
-    """Frames of elements: a bright ring on a wider dark one, once above the panel and once below."""
+def _ring_points(grid: DisplayGrid, elements: tuple[int, ...], rims: tuple[float, float]) -> Floats:
+    """(elements * ring, 2) vertices of a ring in each element: the outer rim's, then the inner rim's."""
     size = np.array([grid.length / grid.nx, grid.width / grid.ny]) * grid.scale
     corners = np.column_stack(np.divmod(elements, grid.ny)) * size
+    ring = np.vstack([_rim(size, grid.per_x, grid.per_y, rim * size.min()) for rim in rims])
+    return (corners[:, None] + ring).reshape(-1, 2)
+
+
+def _ring_part(grid: DisplayGrid, first: int, count: int, lift: float, colour: NDArray[np.uint16]) -> Part:
+    """A ring in each of so many elements, drawn once above the panel and once below."""
     around = np.arange(2 * (grid.per_x + grid.per_y))
     after = np.roll(around, -1)
-    quads = np.column_stack([around, after, after + len(around), around + len(around)])  # outer rim, then inner rim
-    parts = []
-    for rims, lift, colour in rings:
-        ring = np.vstack([_rim(size, grid.per_x, grid.per_y, rim * size.min()) for rim in rims])
-        points = (corners[:, None] + ring).reshape(-1, 2)
-        each = np.arange(len(elements))[:, None, None] * len(ring)
-        faces = _triangles((each + quads).reshape(-1, 4))
-        colours = np.tile(colour, (len(points), 1))
-        parts += [_Part(points, np.full(len(points), over), colours, faces) for over in (lift, -lift)]
-    return _joined(parts)
+    quads = np.column_stack([around, after, after + len(around), around + len(around)])
+    size = 2 * len(around)
+    return Part(first, size, size, count, _RINGS_TOGETHER, _triangles(quads), colour, (lift, -lift))
 
 
 def _rim(size: Floats, per_x: int, per_y: int, inset: float) -> Floats:
@@ -303,43 +290,3 @@ def _cells(shape: tuple[int, int]) -> NDArray[np.intp]:
 def _triangles(quads: NDArray[np.intp]) -> NDArray[np.intp]:
     """(2 n, 3) halves of (n, 4) quads, wound alike."""
     return np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-
-
-def _layout(mesh: _Part) -> tuple[bytearray, tuple[int, int], int]:
-    """The GLB with everything but heights, the offsets in it of the lowest and highest z, and that of the positions.
-
-    glTF demands the bounds of the positions in its JSON; they stand there as numbers of fixed width, to be overwritten.
-    """
-    position = np.column_stack([mesh.points, mesh.lift]).astype(np.float32)
-    index_type, index_code = (np.uint16, 5123) if len(position) < 65536 else (np.uint32, 5125)
-    blobs = (position, mesh.colours, mesh.faces.astype(index_type))  # each a multiple of four bytes, as glTF wants
-    starts = np.cumsum([0, *(blob.nbytes for blob in blobs)]).tolist()
-    low, high = [*position.min(0)[:2].tolist(), "z"], [*position.max(0)[:2].tolist(), "z"]
-    count = len(position)
-    document = {
-        "asset": {"version": "2.0", "generator": "flutterviz"},
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": "panel"}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}]}],
-        "materials": [{"doubleSided": True, "extensions": {"KHR_materials_unlit": {}}}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3", "min": low, "max": high},
-            {"bufferView": 1, "componentType": 5123, "count": count, "type": "VEC4", "normalized": True},
-            {"bufferView": 2, "componentType": index_code, "count": mesh.faces.size, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": start, "byteLength": blob.nbytes, "target": target}
-            for start, blob, target in zip(starts, blobs, (34962, 34962, 34963), strict=False)
-        ],
-        "buffers": [{"byteLength": starts[-1]}],
-    }
-    text = json.dumps(document, separators=(",", ":")).replace('"z"', " " * _BOUND_WIDTH).encode()
-    text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + 8 + starts[-1]
-    head = struct.pack("<4sIII4s", b"glTF", 2, total, len(text), b"JSON") + text
-    head += struct.pack("<I4s", starts[-1], b"BIN\0")
-    lowest = head.index(b" " * _BOUND_WIDTH)
-    highest = head.index(b" " * _BOUND_WIDTH, lowest + _BOUND_WIDTH)
-    return bytearray(head + b"".join(blob.tobytes() for blob in blobs)), (lowest, highest), len(head)

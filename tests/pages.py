@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -16,6 +17,7 @@ from websockets.typing import Subprotocol
 
 from flutterviz.app import Explorer
 from flutterviz.clock import FRAME
+from flutterviz.jobs import Job
 from flutterviz.rig import Rig, rig_of
 from flutterviz.session import Session
 from solver import Design, load_design
@@ -85,9 +87,15 @@ def server() -> Iterator[viser.ViserServer]:
     server.stop()
 
 
+def explorer_on(server: viser.ViserServer, job: Job | None = None) -> Explorer:
+    """An explorer whose rigs and maps are made by threads, which are there at once, where processes first import."""
+    threads = (ThreadPoolExecutor(1), ThreadPoolExecutor(1))
+    return Explorer(Session(DESIGN, rig()), server, job=job, builder=threads[0], looker=threads[1])
+
+
 @pytest.fixture
 def explorer(server: viser.ViserServer) -> Iterator[Explorer]:
-    explorer = Explorer(Session(DESIGN, rig()), server)
+    explorer = explorer_on(server)
     yield explorer
     explorer.close()
 

@@ -3,6 +3,7 @@
 import json
 import struct
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
 import numpy as np
@@ -31,8 +32,9 @@ def drawn(explorer: Explorer) -> NDArray[np.uint16]:
     data = explorer.scene._panel.glb_data
     (length,) = struct.unpack_from("<I", data, 12)
     tree = json.loads(data[20 : 20 + length])
-    view, count = tree["bufferViews"][1], tree["accessors"][1]["count"]
-    return np.frombuffer(data, np.uint16, 4 * count, 28 + length + view["byteOffset"]).reshape(-1, 4)
+    view = tree["bufferViews"][1]
+    count = view["byteLength"] // 2
+    return np.frombuffer(data, np.uint16, count, 28 + length + view["byteOffset"]).reshape(-1, 4)
 
 
 # --- the tab ----------------------------------------------------------------------------------------------------------
@@ -275,7 +277,7 @@ def test_maps_depend_on_what_they_say() -> None:
 
 
 def test_it_closes_while_it_is_busy() -> None:
-    background = Background()
+    background = Background(ThreadPoolExecutor(1))
     background.ask("h2")
     background.follow(rig())
     start = time.perf_counter()

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 import viser
-from pages import DESIGN, Page, rig, ticks, until
+from pages import DESIGN, Page, explorer_on, rig, ticks, until
 
 from flutterviz import commands as do
 from flutterviz.app import Explorer
@@ -32,7 +32,7 @@ from solver.task import Objective, Task
 
 
 def made(server: viser.ViserServer, run: Run) -> Explorer:
-    return Explorer(Session(DESIGN, rig()), server, job=Job(run))
+    return explorer_on(server, Job(run))
 
 
 @pytest.fixture
