@@ -124,7 +124,7 @@ def integrate(
                     drive[c] = min(max(drive[c], -limit), limit)
                 for k in range(n):
                     rate[k] = stage[n + k]
-                fill_monomials(stage, 0, n, products, 0)
+                fill_monomials(stage, 0, n, 1.0, products, 0)
                 multiply(table, products, 0, load, rate, n)
                 for r in range(n):
                     change = 0.0

@@ -16,7 +16,7 @@ RANK = 1e-11  # of the largest singular value of a gain, below which it is round
 NODES = 12  # of the delay line in eigenvalues, beside one for each radian of the highest mode in half a delay
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays do not compare; a law is the same as itself, and a key by that
 class Law:
     """U = -(G X + Γ_Q y + Γ_I ẏ + H z), ż = A z + L y + E V, and V = U(t - τ) within ± the limit.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from solver.bfs import hermite
 from solver.mesh import Floats
 from solver.simulate import SAMPLES_A_PERIOD, Loop, first_mode_at_rest
-from solver.trace import Trace
+from solver.trace import Trace, probe_shapes
 
 FINER = 4  # times, by the rates, as finely as it is sampled a motion is measured; a peak is then right to 1e-5
 WINDOW_PERIODS = 8  # of the flat panel's leading root, between two looks at the amplitude
@@ -20,6 +21,10 @@ SMALL = 1e-3  # of h; a motion below it has not begun to be a cycle
 STEADY = 24  # windows, by the last of which a motion that never comes to rest is known
 STILL = 0.9  # of the scatter of the amplitude is still there after half of those
 PATIENCE = 300  # windows; slow growth just above λ_cr, or a slow return to symmetry, needs many
+
+
+class DivergedError(ArithmeticError):
+    """A motion that grows beyond all numbers."""
 
 
 @dataclass(frozen=True)
@@ -48,31 +53,45 @@ def limit_cycle(loop: Loop, start: Floats | None = None) -> LimitCycle | None:
     Returns:
         The cycle; None where the panel does not flutter, comes to rest in a deflection, or the motion diverged.
     """
+    try:
+        return settled_motion(loop, start)
+    except DivergedError:
+        return None
+
+
+def settled_motion(loop: Loop, start: Floats | None = None) -> LimitCycle | None:
+    """As `limit_cycle`, None telling of a panel at rest.
+
+    Raises:
+        DivergedError: the motion did.
+    """
     plant = loop.plant
     if start is None and not plant.flutters:
         return None
     thickness = plant.design.panel.thickness
     state = first_mode_at_rest(plant, plant.design.run.initial_amplitude * thickness) if start is None else start
     sample, samples = plant.period / SAMPLES_A_PERIOD, WINDOW_PERIODS * SAMPLES_A_PERIOD
+    shapes = probe_shapes(plant) / thickness
     peaks: list[float] = []
     trace = None
     for _ in range(PATIENCE):
         states, volts = loop.stretch(state, sample, samples, engaged=False)
         if len(states) < samples:
-            return None
+            raise DivergedError
         state = states[-1]
-        trace = finer(Trace(plant, sample * np.arange(samples), states, volts))
-        peaks.append(peak_of(trace.probe))
+        trace = Trace(plant, sample * np.arange(samples), states, volts)
+        probe = finer(states[:, : plant.size] @ shapes, states[:, plant.size :] @ shapes, sample)
+        peaks.append(peak_of(probe))
         if len(peaks) > 2 and peaks[-1] < min(SMALL, peaks[-2]) and not plant.flutters:
             return None  # on its way to rest
-        if len(peaks) > 2 and np.ptp(trace.probe) <= NOISE * peaks[-1]:
+        if len(peaks) > 2 and np.ptp(probe) <= NOISE * peaks[-1]:
             return None  # a deflection in which nothing moves any more
         if all(resting(peaks[: len(peaks) - k]) for k in range(3)):
-            return measured_cycle(trace, peaks[-1], state, converged=True)
+            return measured_cycle(_finer_trace(trace), peaks[-1], state, converged=True)
         if wandering(peaks):
             break
     assert trace is not None
-    return measured_cycle(trace, peaks[-1], state, converged=False)
+    return measured_cycle(_finer_trace(trace), peaks[-1], state, converged=False)
 
 
 def resting(peaks: list[float]) -> bool:
@@ -125,23 +144,41 @@ def measured_cycle(trace: Trace, amplitude: float, state: Floats, converged: boo
     return LimitCycle(converged, amplitude, _frequency(trace.times, trace.probe), 100 * share / share.sum(), state)
 
 
-def finer(trace: Trace) -> Trace:
-    """A trace `FINER` times as fine, between its samples by Hermite's cubic, from amplitudes and rates.
+def finer(values: Floats, rates: Floats, interval: float, derivative: int = 0) -> Floats:
+    """Samples `FINER` times as fine, by Hermite's cubic from values and rates; or its slopes.
 
-    The cubic's error is the fourth power of the interval: 2e-6 of a sine at 40 samples a period. Voltages are those of
-    the sample before.
+    The cubic's error is the fourth power of the interval: 2e-6 of a sine at 40 samples a period.
+
+    Args:
+        values: (samples, …) at equal intervals.
+        rates: (samples, …) their derivatives [1/s].
+        interval: between samples [s].
+        derivative: 1 for the slopes, 0 for the values.
+
+    Returns:
+        (FINER·(samples - 1) + 1, …), the last being the last sample.
     """
-    n, interval = trace.plant.size, trace.times[1] - trace.times[0]
-    q, rates = trace.amplitudes, trace.states[:, n:]
-    ends = np.stack([q[:-1], rates[:-1], q[1:], rates[1:]])
+    slopes = rates * interval
+    ends = np.stack([values[:-1], slopes[:-1], values[1:], slopes[1:]])
+    between = np.tensordot(_cubics()[derivative], ends, axes=1) / interval**derivative  # (FINER, samples - 1, …)
+    last = rates[-1:] if derivative else values[-1:]
+    return np.concatenate([between.swapaxes(0, 1).reshape(-1, *values.shape[1:]), last])
+
+
+@lru_cache(maxsize=1)
+def _cubics() -> tuple[Floats, Floats]:
+    """(FINER, 4) each: Hermite's functions and their slopes at the finer samples of an interval of 1."""
     places = np.arange(FINER) / FINER
-    between = [np.einsum("fp,pkn->kfn", hermite(places, interval, k), ends).reshape(-1, n) for k in (0, 1)]
-    return Trace(
-        trace.plant,
-        np.linspace(trace.times[0], trace.times[-1], len(between[0]) + 1),
-        np.vstack([np.hstack(between), trace.states[-1:]]),
-        np.repeat(trace.volts, FINER, axis=0)[: len(between[0]) + 1],
-    )
+    return hermite(places, 1.0, 0), hermite(places, 1.0, 1)
+
+
+def _finer_trace(trace: Trace) -> Trace:
+    """A trace `FINER` times as fine; voltages are those of the sample before."""
+    n, interval = trace.plant.size, float(trace.times[1] - trace.times[0])
+    q, rates = trace.amplitudes, trace.states[:, n:]
+    states = np.hstack([finer(q, rates, interval, derivative) for derivative in (0, 1)])
+    volts = np.repeat(trace.volts, FINER, axis=0)[: len(states)]
+    return Trace(trace.plant, np.linspace(trace.times[0], trace.times[-1], len(states)), states, volts)
 
 
 def peak_of(values: Floats) -> float:
@@ -154,7 +191,9 @@ def _highest(values: Floats) -> float:
     k = int(np.argmax(values[1:-1])) + 1
     left, top, right = values[k - 1 : k + 2]
     bend = left - 2 * top + right
-    return float(top - (left - right) ** 2 / (8 * bend)) if bend < 0 else float(values.max())
+    if not (left <= top >= right and bend < 0):  # highest at an end
+        return float(values.max())
+    return float(top - (left - right) ** 2 / (8 * bend))
 
 
 def _frequency(times: Floats, values: Floats) -> float:

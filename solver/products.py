@@ -19,23 +19,24 @@ Index = int | np.uintp
 
 
 @numba.njit(cache=True, fastmath=FAST)
-def fill_monomials(x: Floats, at: Index, n: Index, out: Floats, to: Index) -> None:
-    """Monomials of n amplitudes into `out`, in the order of `polynomial.force_table`.
+def fill_monomials(x: Floats, at: Index, n: Index, unit: float, out: Floats, to: Index) -> None:
+    """Monomials of n amplitudes over a unit into `out`, in its precision and the order of `polynomial.force_table`.
 
     Those of which q_t is the last are q_t times all pairs of the amplitudes up to it: the head of the list of pairs,
     which is kept where the squares go, or would.
     """
+    convert, scale = out.dtype.type, 1.0 / unit
     at, n, to = U(at), U(n), U(to)
     pairs = to + n * (n + U(1)) * (n + U(2)) // U(6)
     place = pairs
     for s in range(n):
-        v = x[at + s]
+        v = convert(x[at + s] * scale)
         for r in range(s + U(1)):
-            out[place + r] = x[at + r] * v
+            out[place + r] = convert(x[at + r] * scale) * v
         place += s + U(1)
     place, count = to, U(0)
     for t in range(n):
-        v = x[at + t]
+        v = convert(x[at + t] * scale)
         count += t + U(1)
         for k in range(count):
             out[place + k] = out[pairs + k] * v
@@ -44,11 +45,14 @@ def fill_monomials(x: Floats, at: Index, n: Index, out: Floats, to: Index) -> No
 
 @numba.njit(cache=True, fastmath=FAST)
 def multiply(matrix: Floats, x: Floats, at: Index, start: Floats, out: Floats, to: Index) -> None:
-    """`start` + matrix (rows, k) · x into `out`; four rows at a time share what is read of x."""
+    """`start` + matrix (rows, k) · x into `out`; four rows at a time share what is read of x.
+
+    Summed up in the precision of the matrix, which should be that of x.
+    """
     at, to, rows, size = U(at), U(to), U(matrix.shape[0]), U(matrix.shape[1])
-    r = U(0)
+    r, zero = U(0), matrix.dtype.type(0.0)
     while r + U(4) <= rows:
-        a, b, c, d = 0.0, 0.0, 0.0, 0.0
+        a, b, c, d = zero, zero, zero, zero
         for k in range(size):
             v = x[at + k]
             a += matrix[r, k] * v
@@ -61,46 +65,10 @@ def multiply(matrix: Floats, x: Floats, at: Index, start: Floats, out: Floats, t
         out[to + r + U(3)] = start[r + U(3)] + d
         r += U(4)
     while r < rows:
-        a = 0.0
+        a = zero
         for k in range(size):
             a += matrix[r, k] * x[at + k]
         out[to + r] = start[r] + a
-        r += U(1)
-
-
-@numba.njit(cache=True, fastmath=FAST)
-def multiply_two(matrix: Floats, x: Floats, also: Index, start: Floats, out: Floats, too: Index) -> None:
-    """As `multiply` for two vectors at once, at 0 and `also`, to 0 and `too`: the matrix is read only once."""
-    also, too, rows, size = U(also), U(too), U(matrix.shape[0]), U(matrix.shape[1])
-    r = U(0)
-    while r + U(4) <= rows:
-        a, b, c, d = 0.0, 0.0, 0.0, 0.0
-        e, f, g, h = 0.0, 0.0, 0.0, 0.0
-        for k in range(size):
-            v, w = x[k], x[also + k]
-            m = matrix[r, k]
-            a += m * v
-            e += m * w
-            m = matrix[r + U(1), k]
-            b += m * v
-            f += m * w
-            m = matrix[r + U(2), k]
-            c += m * v
-            g += m * w
-            m = matrix[r + U(3), k]
-            d += m * v
-            h += m * w
-        out[r], out[too + r] = start[r] + a, start[r] + e
-        out[r + U(1)], out[too + r + U(1)] = start[r + U(1)] + b, start[r + U(1)] + f
-        out[r + U(2)], out[too + r + U(2)] = start[r + U(2)] + c, start[r + U(2)] + g
-        out[r + U(3)], out[too + r + U(3)] = start[r + U(3)] + d, start[r + U(3)] + h
-        r += U(4)
-    while r < rows:
-        a, e = 0.0, 0.0
-        for k in range(size):
-            a += matrix[r, k] * x[k]
-            e += matrix[r, k] * x[also + k]
-        out[r], out[too + r] = start[r] + a, start[r] + e
         r += U(1)
 
 

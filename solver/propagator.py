@@ -9,7 +9,8 @@ import scipy.linalg
 
 from solver.mesh import Floats
 
-PARTS = 4  # steps into which one is parted in which a voltage reaches its limit or leaves it: there the force has kinks
+# Steps, a power of 2, into which one is parted in which a voltage reaches its limit or leaves it: the force has kinks
+PARTS = 8
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,13 @@ class Propagator:
         b = H x + K p1                          y = E x + F1 p0 + F2 (p1 + p2) + F3 p3
 
     with F1 = h (φ1 - 3φ2 + 4φ3) B, F2 = h (2φ2 - 4φ3) B and F3 = h (4φ3 - φ2) B. The four results lie side by side,
-    (b, y, c, a), so that each of x, p0 … p3 adds to a range of them: one product each, whose matrix is kept transposed.
+    (b, y, c, a), so that each of p0 … p3 adds to a range of them: one product each, whose matrix is kept transposed.
     """
 
     step: float
     """h of a whole step [s]."""
     coast: Floats
-    """(2, S, 4S) of x on (b, y, c, a) [-]."""
+    """(2, S, 2S) of x on (b, y), and as well on (a, c) [-]."""
     first: Floats
     """(2, F, 3S) of p0 on (y, c, a) [s]."""
     second: Floats
@@ -67,5 +68,5 @@ def _coefficients(half: Floats, full: Floats, step: float, size: int, forces: in
     one, two, three = (full[:size, size + k * forces : size + (k + 1) * forces] / step**k for k in range(3))
     f1, f2, f3 = one - 3 * two + 4 * three, 2 * two - 4 * three, 4 * three - two
     e, h, k = full[:size, :size], half[:size, :size], half[:size, size : size + forces]
-    stacked = ([h, e, e, h], [f1, h @ k - k, k], [k, f2], [f2, 2 * k], [f3])
+    stacked = ([h, e], [f1, h @ k - k, k], [k, f2], [f2, 2 * k], [f3])
     return tuple(np.ascontiguousarray(np.vstack(parts).T) for parts in stacked)

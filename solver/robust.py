@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.course import Course
-from solver.limitcycle import LimitCycle, limit_cycle
+from solver.limitcycle import DivergedError, LimitCycle, limit_cycle, settled_motion
 from solver.mesh import Floats
 from solver.simulate import Loop, Memory
 
 PHASES = 8
-ABREAST = 2  # phases integrated at a time: as the kernel takes runs, and no more than need be where the first is loud
 LISTENING = 12  # periods for which an estimator has listened to the limit cycle when the controller is switched on
 
 
@@ -24,7 +23,8 @@ class RobustDamping:
     times: Floats
     """(phases,) damping time from each phase [s]; NaN where the panel was not damped within the run."""
     energies: Floats
-    """(phases,) ∫ VᵀV dt over all channels until damped, or the end [V²·s]."""
+    """(phases,) ∫ VᵀV dt over all channels until damped, or the end [V²·s]; NaN where the motion diverged, or the phase
+    was not gone through to its end."""
     peak_voltage: float
     """Largest |V| on any channel [V]."""
 
@@ -60,21 +60,31 @@ def robust_damping(
     times, energies, peak = np.full(phases, np.nan), np.full(phases, np.nan), 0.0
     course = Course.of(loop)
     starts = on_the_cycle(loop, cycle, phases)
-    for first in range(0, len(starts), ABREAST):
-        ends = course.ends(starts[first : first + ABREAST], within)
-        for k, end in enumerate(ends, first):
-            times[k] = math.nan if end.time is None else end.time
-            energies[k], peak = end.energy, max(peak, end.peak)
-        if within is not None and any(end.time is None for end in ends):
+    for k, (state, memory) in enumerate(starts):
+        end = course.end(state, memory, within)
+        times[k] = math.nan if end.time is None else end.time
+        energies[k], peak = end.energy, max(peak, end.peak)
+        if within is not None and end.time is None:
             break
     return RobustDamping(times, energies, peak)
 
 
 def suppresses(loop: Loop, cycle: LimitCycle | None = None, phases: int = PHASES) -> bool:
-    """Whether the controller damps the limit cycle, if there is one, from every phase; stops at the first where not."""
-    cycle = _cycle(loop, cycle)
+    """Whether the controller damps the limit cycle, if there is one, from every phase; stops at the first where not.
+
+    What comes to rest by itself needs no damping; what diverges, or a run without time for it, is not damped.
+    """
+    plant, run = loop.plant, loop.plant.design.run
+    if not plant.channels or run.duration <= run.control_on:
+        return False
+    if plant.passive or not plant.flutters:
+        return True
+    try:
+        cycle = cycle or settled_motion(loop)
+    except DivergedError:
+        return False
     if cycle is None:
-        return bool(loop.plant.channels)
+        return True
     robust = robust_damping(loop, cycle, phases, within=math.inf)
     return robust is not None and robust.worst is not None
 

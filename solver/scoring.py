@@ -11,8 +11,9 @@ import scipy.linalg
 
 from solver.aerodynamics import Stream
 from solver.authority import nfcg
-from solver.course import Ear, seed_damping_time
+from solver.course import seed_damping_time
 from solver.design import Design
+from solver.ear import Ear
 from solver.flutter import GROWTH_NOISE, buckled
 from solver.holding import stabilises_up_to, stable, suppresses_up_to
 from solver.law import Law, closed_loop

@@ -7,13 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.controllers import law_of
 from solver.errors import ControlError
-from solver.flutter import leading_eigenvalue
+from solver.flutter import leading_of
 from solver.law import Law, closed_loop, extended, line_nodes
 from solver.mesh import Floats
 from solver.plant import Plant
@@ -21,16 +22,20 @@ from solver.polynomial import force_table
 from solver.propagator import Propagator
 from solver.trace import Trace
 
+if TYPE_CHECKING:
+    from solver.exponential import Forces, Weights
+
 SAMPLES_A_PERIOD = 40  # of a run, in a period of the flat panel's leading root
 MOST_SAMPLES = 400_000  # of a run; a tiny panel's is sampled more coarsely, not integrated so
 STEP_HIGHEST = 0.5  # classical step times the highest natural frequency; Runge-Kutta is stable to 2.8
 # Step times the lowest: a step loses (ωh)⁶/72 of a mode's energy, at 0.03 so 2e-7 of the first mode's in 100 periods
 STEP_LOWEST = 0.03
 LONGER = 2.5  # times as long as the classical step is an exponential one, which has no such loss, and a smaller error
-COUPLED = 0.5  # of that step where B ≠ 0: there any deflection moves the high modes, which lose energy first
+COUPLED = 0.5  # of the classical step, exponential ones too, where B ≠ 0: there any deflection moves the high modes
 STEP_FASTEST = 1.0  # step times the fastest pole that the controller brings; those decay, and Runge-Kutta is stable
 STIFFEST = 30.0  # times shorter than the panel's own a step may be made by that
 MOST_NODES = 800  # of all delay lines together, in a dense eigenproblem
+LANES = 32  # coefficients that the compiled force takes at a time: a rest takes as long, and is filled up
 CHUNK = 4096  # steps at a time for which noise is drawn and what was asked for is kept
 
 
@@ -72,6 +77,8 @@ class Loop:
     """The control law, which a stretch may leave disengaged."""
     linear: Floats
     """(n, 2n) K and C side by side."""
+    precision: type[np.floating] = np.float32
+    """That in which exponential steps work out the law of large deflection; everything else is in double precision."""
 
     @staticmethod
     def of(plant: Plant, law: Law | None = None) -> Loop:
@@ -103,7 +110,7 @@ class Loop:
     @cached_property
     def growth(self) -> complex:
         """Leading pole of the closed loop: growth rate [1/s] + i·frequency [rad/s]."""
-        return leading_eigenvalue(closed_loop(self.plant, self.law))
+        return leading_of(self.poles)
 
     @cached_property
     def table(self) -> Floats:
@@ -122,8 +129,10 @@ class Loop:
         a, b, k = extended(self.plant, self.law)
         if not k.any() and not self.law.memory:
             return 0.0
-        matrices = (a, a - b @ k) if self.law.memory else (a - b @ k,)  # saturated, z moves by a alone
-        return max(float(np.abs(np.linalg.eigvals(matrix)).max()) for matrix in matrices)
+        found = [np.linalg.eigvals(a - b @ k) if self.law.delay else self.poles]
+        if self.law.memory:  # saturated, z moves by a alone
+            found.append(np.linalg.eigvals(a))
+        return max(float(np.abs(values).max()) for values in found)
 
     @cached_property
     def _step(self) -> float:
@@ -137,7 +146,7 @@ class Loop:
         """Longest exponential time step [s]: of a gain, what it feeds back is all that is not in the exponential."""
         if self.law.memory:  # an estimator may be fast, and what drives it is outside as well
             return self._step
-        step = LONGER * self._panel_step * (COUPLED if len(self.plant.model.membrane.cubic) else 1.0)
+        step = self._panel_step * (COUPLED if len(self.plant.model.membrane.cubic) else LONGER)
         _, b, k = extended(self.plant, self.law)
         n = self.plant.size
         feedback = -b @ k
@@ -156,7 +165,7 @@ class Loop:
         Returns:
             States (samples, 2n) and voltages (samples, channels) after each interval; shorter if the motion diverged.
         """
-        law = self.law if engaged else Law.idle(self.plant)
+        law = self.law if engaged else self._idle
         return self._run([(state, Memory.blank(law))], law, sample, samples)[0][:2]
 
     def run(self, starts: Sequence[tuple[Floats, Memory]], sample: float, samples: int, engaged: bool) -> list[Stretch]:
@@ -174,6 +183,11 @@ class Loop:
         return self._classical(state, memory, self.law if engaged else self._listening, sample, samples)
 
     @cached_property
+    def _idle(self) -> Law:
+        """A law that asks for nothing and listens to nothing."""
+        return Law.idle(self.plant)
+
+    @cached_property
     def _listening(self) -> Law:
         """The law disengaged."""
         return dataclasses.replace(self.law.scaled(0.0), delay=0.0)
@@ -187,51 +201,77 @@ class Loop:
         self, starts: Sequence[tuple[Floats, Memory]], law: Law, sample: float, samples: int
     ) -> list[Stretch]:
         """By exponential steps, for a law without delay and noise."""
-        from solver.exponential import Forces, integrate_runs, weights_of  # here, because numba takes long to start
+        from solver.exponential import integrate_runs  # here, because numba takes long to start
 
-        plant, n, m = self.plant, self.plant.size, law.memory
+        n, m = self.plant.size, law.memory
         substeps = self.steps_of(sample)
-        own = self._propagator(law, sample / substeps)
+        weights = self._weights(law, sample / substeps)
         first = np.array([np.concatenate([state, memory.own]) for state, memory in starts])
         states = np.empty((len(starts), samples, 2 * n + m))
         volts = np.empty((len(starts), samples, len(law.gain)))
-        forces = Forces(
-            self.table,
-            plant.model.load,
-            np.ascontiguousarray(plant.force),
-            np.ascontiguousarray(law.driven),
-            np.hstack([law.direct(plant.force), law.reading]),
-            law.limit,
-        )
-        integrate_runs(first, *weights_of(own), forces, substeps, states, volts)
+        counts = integrate_runs(first, *weights, self._forces(law), substeps, states, volts)
         found = []
-        for x, v, (_, memory) in zip(states, volts, starts, strict=True):
-            finite = int(np.isfinite(x).all(axis=1).sum())  # nothing becomes finite again
+        for x, v, finite, (_, memory) in zip(states, volts, counts, starts, strict=True):
             own = x[finite - 1, 2 * n :].copy() if finite else memory.own
             kept = Memory(own, np.zeros(0), np.zeros((0, len(law.gain))), memory.drawn)
             found.append((x[:finite, : 2 * n], v[:finite], kept))
         return found
 
-    def _propagator(self, law: Law, step: float) -> Propagator:
-        """The exponentials of a step of the panel and the controller's own states; kept, as stretches are alike."""
+    def _forces(self, law: Law) -> Forces:
+        """What is not linear, laid out; kept."""
+        from solver.exponential import Forces
+
+        if law not in self._laid_out:
+            force = self.plant.force
+            self._laid_out[law] = Forces(
+                *self._law_in_units,
+                self.plant.model.load,
+                np.ascontiguousarray(force),
+                np.ascontiguousarray(law.driven),
+                np.hstack([law.direct(force), law.reading]),
+                law.limit,
+            )
+        return self._laid_out[law]
+
+    @cached_property
+    def _laid_out(self) -> dict[Law, Forces]:
+        return {}
+
+    @cached_property
+    def _law_in_units(self) -> tuple[Floats, float]:
+        """The law for amplitudes over a unit, by which the panel deflects about h, and that unit.
+
+        In single precision a panel of micrometres would else be near the smallest numbers that there are.
+        """
+        n, table = self.plant.size, self.table
+        unit = self.plant.design.panel.thickness / float(self.plant.model.peak.max())
+        cubes = n * (n + 1) * (n + 2) // 6
+        whole = np.zeros((n, -(-table.shape[1] // LANES) * LANES), self.precision)
+        whole[:, : table.shape[1]] = table * np.where(np.arange(table.shape[1]) < cubes, unit**3, unit**2)
+        return whole, unit
+
+    def _weights(self, law: Law, step: float) -> tuple[Weights, Weights]:
+        """Exponentials of a step of the panel and the controller's own states; kept, as stretches are alike."""
+        from solver.exponential import weights_of
+
         n, m = self.plant.size, law.memory
         key = (m, step)
-        if key not in self._propagators:
+        if key not in self._known_weights:
             a = np.zeros((2 * n + m, 2 * n + m))
             a[:n, n : 2 * n] = np.eye(n)
             a[n : 2 * n, : 2 * n] = -self.linear
             a[2 * n :, :n] = law.sensed @ self.plant.force.T
             a[2 * n :, 2 * n :] = law.own
             b = np.eye(2 * n + m)[:, n:]
-            self._propagators[key] = Propagator.of(a, b, step)
-        return self._propagators[key]
+            self._known_weights[key] = weights_of(Propagator.of(a, b, step))
+        return self._known_weights[key]
 
     def steps_of(self, sample: float) -> int:
         """Number of exponential steps from one sample to the next, a time [s] later."""
         return max(1, math.ceil(sample / self._long_step))
 
     @cached_property
-    def _propagators(self) -> dict[tuple[int, float], Propagator]:
+    def _known_weights(self) -> dict[tuple[int, float], tuple[Weights, Weights]]:
         return {}
 
     def _classical(self, state: Floats, memory: Memory, law: Law, sample: float, samples: int) -> Stretch:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from panels import COARSE, balance, plant, seed, whole
 
-from solver import Control, Loop, Plant, Run, limit_cycle, load_design, seed_protocol
+from solver import Control, Loop, Plant, Run, limit_cycle, load_design, robust, seed_protocol
 from solver.controlfacts import ControlFacts, control_facts
 from solver.holding import Hold, hold_over, stabilises_up_to, suppresses_up_to
-from solver.limitcycle import LimitCycle
+from solver.limitcycle import DivergedError, LimitCycle
 from solver.mesh import Floats
 from solver.robust import on_the_cycle, robust_damping, suppresses
 
@@ -282,3 +282,18 @@ def test_a_run_with_no_time_for_control_says_nothing_of_it() -> None:
     assert plant.flutters
     assert robust_damping(Loop.of(plant.symmetric())) is None
     assert suppresses_up_to(plant, stabilises_up_to(plant)) is None
+
+
+def test_what_diverges_or_has_no_time_is_not_suppressed(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = Loop.of(Plant.of(COARSE).symmetric())
+    assert suppresses(loop)
+    rest = msgspec.structs.replace(COARSE, run=Run(control_on=0.3, duration=0.3))
+    assert not suppresses(Loop.of(Plant.of(rest).symmetric()))
+
+    def diverges(_: Loop, start: object = None) -> None:
+        raise DivergedError
+
+    monkeypatch.setattr(robust, "settled_motion", diverges)
+    assert not suppresses(loop)
+    monkeypatch.setattr(robust, "settled_motion", lambda _, start=None: None)  # at rest in a deflection
+    assert suppresses(loop)
