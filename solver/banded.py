@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 from scipy.linalg import lapack
 
 from solver.mesh import Floats
@@ -51,13 +50,20 @@ def definite_solver(matrix: sp.csr_array) -> Callable[[Floats], Floats]:
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     entries = matrix.tocoo()
     row, column = entries.coords
     width, size = int(np.max(column - row, initial=0)), matrix.shape[0]
     if _too_wide(width, size):
-        factor = spla.splu(matrix.tocsc())
-        if not np.all(np.isfinite(factor.U.diagonal())):
-            raise np.linalg.LinAlgError("singular")
+        try:  # without pivoting off the diagonal: the pivots of a definite matrix, and of no other, are all positive
+            factor = spla.splu(
+                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            )
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(str(error)) from None
+        if not np.all(factor.U.diagonal() > 0):
+            raise np.linalg.LinAlgError("not positive definite")
         return lambda b: factor.solve(np.ascontiguousarray(b))
     bands = np.zeros((width + 1, size))
     upper = column >= row
@@ -78,7 +84,7 @@ def compliance_products(pattern: Pattern, blocks: Floats, forces: Floats, others
     Raises:
         numpy.linalg.LinAlgError: K is not positive definite.
     """
-    both = np.hstack([forces, others]) if others.size else forces
+    both = np.hstack([forces, others]) if others.shape[1] else forces
     if not pattern.size:
         return np.zeros((forces.shape[1], both.shape[1]))
     if _too_wide(pattern.width, pattern.size):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 from scipy.linalg import blas
 
@@ -18,6 +18,9 @@ from solver.bfs import gauss, hermite
 from solver.lanczos import lowest_pairs
 from solver.mesh import Floats, Ints, Mesh
 from solver.sector import Sector
+
+if TYPE_CHECKING:
+    import scipy.sparse.linalg as spla
 
 Complexes = NDArray[np.complexfloating]
 
@@ -89,6 +92,8 @@ def _eigenmodes(plate: PlateMatrices, sector: Sector, count: int) -> tuple[Float
 
 def _compliance(plate: PlateMatrices, basis: sp.csr_array) -> Callable[[Floats], Floats]:
     """The function from forces to displacements (size,) in the space of a basis (N, size), u of B ≠ 0 condensed out."""
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     stiffness, _ = plate.linear(loaded=False)
     whole, free = spla.splu(stiffness.tocsc()), basis.shape[0]
 
@@ -182,6 +187,8 @@ def aeroelastic_modes(plate: PlateMatrices, stream: Stream, count: int) -> tuple
     Returns:
         As `lowest_modes`.
     """
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     slope = stream.slope_unit * (stream.cosine * plate.space.slope_x + stream.sine * plate.space.slope_y)
     stiffness, _ = plate.linear(loaded=True)
     stiffness = sp.csr_array(stiffness + stream.dynamic_pressure * plate.widened(sp.csr_array(slope)))
@@ -218,6 +225,8 @@ def aeroelastic_modes(plate: PlateMatrices, stream: Stream, count: int) -> tuple
 
 def _nearest(factor: spla.SuperLU, basis: sp.csr_array, mass: sp.csr_array, count: int) -> tuple[Complexes, Complexes]:
     """The `count` eigenvalues σ of smallest modulus and eigenvectors (N, count) in the space of a basis (N, size)."""
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     free, size = basis.shape
     whole = factor.shape[0]
 

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from solver.assembly import PlateMatrices
 
@@ -27,6 +26,8 @@ def buckling_factor(plate: PlateMatrices) -> float | None:
     """
     if plate.prestress is None or plate.geometric is None or _pulls(plate):
         return None
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     stiffness, _ = plate.linear(loaded=False)
     pressing = plate.widened(sp.csr_array(-plate.geometric))
     factor = spla.splu(stiffness.tocsc())

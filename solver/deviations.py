@@ -6,12 +6,10 @@ import numba
 import numpy as np
 
 from solver.mesh import Floats, Ints
-
-# As in kernel.py: sums may be reordered so that they vectorise; NaN and infinity keep their meaning.
-_FAST = {"reassoc", "contract", "nsz", "arcp"}
+from solver.products import FAST
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@numba.njit(cache=True, fastmath=FAST)
 def membrane(
     q: Floats, spread: Floats, cubic: Floats, index: Ints, slope: Floats, stress: Floats, force: Floats, tangent: Floats
 ) -> None:
@@ -51,7 +49,7 @@ def membrane(
                     force[j] += q[k] * q[s] * cubic[p, j]
 
 
-@numba.njit(cache=True, fastmath=_FAST, nogil=True)
+@numba.njit(cache=True, fastmath=FAST, nogil=True)
 def propagate(
     state: Floats,
     deviations: Floats,

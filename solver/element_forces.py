@@ -6,12 +6,10 @@ import numba
 import numpy as np
 
 from solver.mesh import Floats, Ints
-
-# Sums may be reordered so that they vectorise; NaN and infinity keep their meaning.
-_FAST = {"reassoc", "contract", "nsz", "arcp"}
+from solver.products import FAST
 
 
-@numba.njit(cache=True, fastmath=_FAST, nogil=True)
+@numba.njit(cache=True, fastmath=FAST, nogil=True)
 def membrane_forces(
     local: Floats,
     extension: Floats,
@@ -85,7 +83,7 @@ def membrane_forces(
                         forces[e, i] += curvature[a, g, i] * moment * weights[g]
 
 
-@numba.njit(cache=True, fastmath=_FAST, nogil=True)
+@numba.njit(cache=True, fastmath=FAST, nogil=True)
 def membrane_tangents(
     local: Floats,
     stresses: Floats,

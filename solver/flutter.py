@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from solver.aerodynamics import Stream
@@ -61,10 +60,10 @@ def leading_eigenvalue(matrix: Floats, slowest: float = -1.0) -> complex:
     that do not touch each other, as symmetric and antisymmetric modes, are taken apart: less work.
     """
     values = np.concatenate([np.linalg.eigvals(matrix[np.ix_(block, block)]) for block in blocks_of(matrix != 0)])
-    return _leading(values, slowest)
+    return leading_of(values, slowest)
 
 
-def _leading(values: NDArray[np.inexact], slowest: float) -> complex:
+def leading_of(values: NDArray[np.inexact], slowest: float = -1.0) -> complex:
     """The one of largest real part among eigenvalues, as `leading_eigenvalue` gives it."""
     values = values[np.abs(values.imag) > slowest]
     if not len(values):
@@ -97,7 +96,7 @@ def _critical_of(model: ModalModel, stream: Stream, modes: Ints, end: float) -> 
     still, unit, mass = stiffness_in_stream(model, stream, 0.0)[own], _flow(model, stream)[own], model.bare_mass[own]
 
     def leading(value: float) -> complex:
-        return _leading(np.linalg.eigvals(_first_order(still + value * unit, stream.rate(value) * mass)), slowest)
+        return leading_of(np.linalg.eigvals(_first_order(still + value * unit, stream.rate(value) * mass)), slowest)
 
     @cache
     def growth(value: float) -> float:
@@ -199,6 +198,8 @@ def _leading_damped(
     stiffness: sp.csr_array, damping: sp.csr_array, mass: sp.csr_array, frequency: float, slowest: float
 ) -> complex:
     """Fastest growing of the eigenvalues s nearest to iω of (s² M + s C + K) x = 0, by Arnoldi on its companion."""
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     # time in units of 1/ω, so that displacements and rates weigh alike whatever the panel's size
     stiffness, damping = sp.csr_array(stiffness / frequency**2), sp.csr_array(damping / frequency)
     n, shift = mass.shape[0], 1j
@@ -219,6 +220,8 @@ def _leading_undamped(
     stiffness: sp.csr_array, _: sp.csr_array, mass: sp.csr_array, frequency: float, slowest: float
 ) -> complex:
     """As `_leading_damped` without damping, from the eigenvalues -s² of (K, M), half the size and better behaved."""
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     factor = spla.splu((stiffness - frequency**2 * mass).tocsc())
     operator = spla.LinearOperator(mass.shape, matvec=lambda x: factor.solve(np.asarray(mass @ x)), dtype=np.float64)
     values = frequency**2 + 1 / spla.eigs(operator, NEAREST, v0=_start(mass.shape[0]), return_eigenvectors=False)

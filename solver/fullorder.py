@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from solver.aerodynamics import Stream
 from solver.assembly import Pattern, PlateMatrices, scatter
@@ -226,6 +225,8 @@ def lu_solver(matrix: sp.csr_array) -> Callable[[Floats], Floats]:
     Raises:
         ArithmeticError: the matrix is singular.
     """
+    import scipy.sparse.linalg as spla  # here, because it is slow to import
+
     entries = matrix.tocoo()
     row, column = entries.coords
     lower, upper, size = int(np.max(row - column)), int(np.max(column - row)), matrix.shape[0]

@@ -35,7 +35,7 @@ def lowest_pairs(
         numpy.linalg.LinAlgError: K or M is not positive definite.
     """
     look = LOOK + int(LOOK_EACH * count)
-    basis = _Basis(mass, np.random.default_rng(0).standard_normal((STARTS, size)), room=look + 4 * STRIDE)
+    basis = _Basis(mass, np.random.default_rng(0).standard_normal((min(STARTS, size), size)), room=look + 4 * STRIDE)
     while basis.steps < size:
         basis.extend(inverse)
         if basis.steps < min(look, size):

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from solver.aerodynamics import Stream
 from solver.assembly import PlateMatrices
@@ -113,6 +112,8 @@ class _Pencil:
 
     def nearest(self, centre: complex, count: int) -> tuple[Complexes, Complexes]:
         """Eigenvalues nearest to a point, nearest first (count,), and eigenvectors (unknowns, count), by Arnoldi."""
+        import scipy.sparse.linalg as spla  # here, because it is slow to import
+
         n = self.mass.shape[0]
         if 2 * n <= DENSE:
             zero, one = np.zeros((n, n)), np.eye(n)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numba
 
 from solver.mesh import Floats, Ints
-
-# Sums may be reordered so that they vectorise; NaN and infinity keep their meaning.
-_FAST = {"reassoc", "contract", "nsz", "arcp"}
+from solver.products import FAST
 
 
-@numba.njit(cache=True, fastmath=_FAST, nogil=True)
+@numba.njit(cache=True, fastmath=FAST, nogil=True)
 def pair_strains(
     slope_x: Floats,
     slope_y: Floats,
