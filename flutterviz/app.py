@@ -167,10 +167,9 @@ class Explorer:
 
     def close(self) -> None:
         """End the recording and what works beside the loop."""
-        self._builder.close()
-        self._background.close()
-        self.finder.close()
-        self._stop_recording()
+        with contextlib.ExitStack() as ending:  # all of it, whatever fails; the recording first
+            for close in (self.finder.close, self._background.close, self._builder.close, self._stop_recording):
+                ending.callback(close)
 
     def _react(self, first: Wanted | None = None) -> None:
         """Carry out what has come in, and have the rig built that it takes."""
@@ -241,7 +240,8 @@ class Explorer:
                 self.plots.forget_modes()
             if session.stale and not builder.busy:
                 builder.begin(session.design, session.rig)
-        except (ValueError, ArithmeticError, MemoryError, OSError) as error:  # DesignError, LinAlgError and their like
+        # DesignError, LinAlgError, and what sparse factors and eigensolvers raise
+        except (ValueError, ArithmeticError, MemoryError, OSError, RuntimeError) as error:
             if session.design != builder.design:
                 return  # it has been changed since, and may do now
             session.refuse(f"the change was taken back: {' '.join(str(error).split())}")
@@ -257,6 +257,7 @@ class Explorer:
             self.scene.rebuild(rig.grid, wanted.patches.elements, self.finder.marks_on(rig.design))
             self.scene.paint(self._background.map)
             self.scene.show(w, rig.thickness)
+            self.scene.surround(rig.design)
             if self._frame % PLOT_EVERY == 0:
                 span = max(PLOT_CYCLES * session.period, min(PLOT_SECONDS * self.clock.rate, 0.5))
                 self.plots.show(session.history, span, rig.design.control.voltage_limit)
@@ -328,7 +329,10 @@ class Explorer:
     def _recording_facts(self) -> str | None:
         if self._record_name is None:
             return None
-        return f"{self._record_name}, {Path(self._record_name).stat().st_size / 1e6:.1f} MB"
+        try:
+            return f"{self._record_name}, {Path(self._record_name).stat().st_size / 1e6:.1f} MB"
+        except OSError:  # it was moved or deleted; what is written goes with it
+            return f"{self._record_name}, which is no longer there"
 
     def _record(self, rows: Rows | None) -> None:
         """Pass on what happened and what moved; a disk that fills ends the recording, not the run."""

@@ -51,7 +51,7 @@ class Background:
             done, self._looking = self._looking, None
             self.outlook = None if done.exception() else done.result()
         if self.outlook is not None and self.outlook.design != rig.design:
-            self.outlook = None
+            self.outlook = self._looked = None  # should that design come back, as by undo, it is looked at again
         if self._present != rig.design:
             self._present, self._since = rig.design, time.perf_counter()
         rests = time.perf_counter() - self._since > PATIENCE
@@ -64,8 +64,9 @@ class Background:
         if self._mapping is not None and self._mapping.done():
             done, self._mapping = self._mapping, None
             error = done.exception()
-            self.trouble = f"{type(error).__name__}: {' '.join(str(error).split())}" if error else ""
-            self.map = None if error else done.result()
+            if self._mapped is not None:  # or it was for a criterion that is no longer asked for
+                self.trouble = f"{type(error).__name__}: {' '.join(str(error).split())}" if error else ""
+                self.map = None if error else done.result()
         wanted = None if self.criterion is None else (self.criterion, *map_basis(design, self.criterion))
         if wanted != self._mapped and self._mapping is None:
             self._mapped = wanted

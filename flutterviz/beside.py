@@ -76,8 +76,9 @@ class Beside(Executor):
         atexit.unregister(self.shutdown)
         self._closed = True
         self._wishes.put(None)
-        if self._process is not None:
-            self._process.kill()  # of which the thread hears as the end of the pipe
+        process = self._process  # which the thread may let go of at any moment
+        if process is not None:
+            process.kill()  # of which the thread hears as the end of the pipe
         if wait and self._thread.is_alive():
             self._thread.join()
 
@@ -92,6 +93,9 @@ class Beside(Executor):
             except BaseException as error:  # who asked is told, whatever it is
                 wish.future.set_exception(error)
         self._let_go()
+        with contextlib.suppress(queue.Empty):
+            while (wish := self._wishes.get_nowait()) is not None:  # asked for while it was shut down
+                wish.future.cancel()
 
     def _call(self, fn: Callable[..., T], args: tuple[object, ...], kwargs: dict[str, object]) -> T:
         if self._process is None or not self._process.is_alive():
@@ -116,15 +120,13 @@ class Beside(Executor):
         (requests, self._requests), (self._answers, answers) = context.Pipe(duplex=False), context.Pipe(duplex=False)
         for pipe in (self._requests, answers):
             _widen(pipe)
-        self._process = context.Process(target=_work, args=(requests, answers, self._nicer), name="flutterviz beside")
+        process = context.Process(target=_work, args=(requests, answers, self._nicer), name="flutterviz beside")
         try:
             with deaf_to({signal.SIGINT, signal.SIGTERM}):
-                self._process.start()
+                process.start()
+            self._process = process  # from now on it can be ended
             if self._closed:  # meanwhile: whoever closed it has seen no process to end
-                self._process.kill()
-        except OSError:
-            self._process = None
-            raise
+                process.kill()
         finally:
             requests.close()
             answers.close()

@@ -110,7 +110,7 @@ class Reset:
 
 @dataclass(frozen=True)
 class Pluck:
-    """Push the panel at a point, as with a finger: an impulse that gives a velocity there."""
+    """Push the panel at a point, as with a finger: an impulse that gives a velocity there, or less next to an edge."""
 
     x: float
     """Downstream position over the length [-]."""

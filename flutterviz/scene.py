@@ -50,8 +50,8 @@ class Scene:
         self._panel = server.scene.add_glb(
             "/panel", self._packer.pack(rest, rest), cast_shadow=False, receive_shadow=False
         )
-        self._surroundings(rig.design)
-        self._aim_first()
+        self._surrounded: tuple[float, ...] = ()
+        self.surround(rig.design)
 
     def _aim_first(self) -> None:
         """The view that a page begins with, and returns to on "Reset View"."""
@@ -101,6 +101,14 @@ class Scene:
     @property
     def _sides(self) -> tuple[float, float]:
         return self.grid.length * self.grid.scale, self.grid.width * self.grid.scale
+
+    def surround(self, design: Design) -> None:
+        """Draw what stands about the panel, and look at all of it, where its sides or the flow's direction change."""
+        if self._surrounded != (*self._sides, design.flow.yaw_deg):
+            self._surrounded = (*self._sides, design.flow.yaw_deg)
+            self._surroundings(design)
+            self._aim_first()
+            self._aimed = {key: (0.0, position) for key, (_, position) in self._aimed.items()}  # as on another window
 
     def _surroundings(self, design: Design) -> None:
         """The undeformed outline, the direction of the flow and the names of the edges."""

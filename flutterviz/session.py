@@ -25,6 +25,7 @@ CHANNEL_WORDS = {
     "element": "each element on a voltage of its own",
     "single": "all patches on one voltage",
 }
+ELSEWHERE = 4.0  # times a pluck's velocity, at most, another point gets: an edge moves only with the rest of the panel
 DIVERGED = 50.0  # largest |w|/h at which a run is stopped: far beyond what plate theory means anything for
 
 
@@ -243,8 +244,10 @@ class Session:
         panel = self.design.panel
         shape = self.rig.plant.model.at(x * panel.length, y * panel.width)
         n = self.rig.plant.size
+        push = shape / max(float(np.abs(shape).max()), 1e-300)  # a square of what is next to an edge would underflow
+        here, elsewhere = float(shape @ push), float(np.abs(self.rig.coarse @ push).max())
         self.state = self.state.copy()
-        self.state[n:] += shape * (velocity / max(float(shape @ shape), 1e-300))
+        self.state[n:] += push * (velocity / max(here, elsewhere / ELSEWHERE, 1e-300))
         self._measure_anew("the pluck")
         self.note(f"plucked at x = {x:.2f} a, y = {y:.2f} b")
 
@@ -297,6 +300,7 @@ class Session:
 
     def refuse(self, reason: str) -> None:
         """Go back to the design that runs, because the wanted one cannot."""
+        self._drag = ""  # what a slider brings next is a change of its own
         self.design = self.rig.design
         while self._past and self._past[-1] == self.design:
             self._past.pop()

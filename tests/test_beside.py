@@ -113,3 +113,14 @@ def test_an_answer_that_cannot_travel_is_told(beside: Beside) -> None:
 
 def test_large_answers_come_whole(beside: Beside) -> None:
     assert beside.submit(bytes, 5_000_000).result() == bytes(5_000_000)
+
+
+@pytest.mark.parametrize("after", [0.0, 1e-3, 5e-3, 2e-2, 5e-2])
+def test_it_may_be_ended_while_it_is_begun(after: float) -> None:
+    beside = Beside()
+    future = beside.submit(os.getpid)
+    time.sleep(after)
+    beside.shutdown()
+    assert future.done()  # by whichever came first
+    with pytest.raises(RuntimeError):
+        beside.submit(os.getpid)

@@ -4,6 +4,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -29,15 +30,16 @@ OTHER_MESH = msgspec.structs.replace(DESIGN.with_elements((5, 6)), mesh=type(DES
 
 
 class Failing(Executor):
-    """Loses everything, as a process that is killed each time."""
+    """Does nothing that it is asked for; by default as a process that is killed each time."""
 
-    def __init__(self) -> None:
+    def __init__(self, error: Exception | None = None) -> None:
         self.asked = 0
+        self.error = error or BrokenExecutor("ended")
 
     def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future:  # type: ignore[override]
         self.asked += 1
         future: Future = Future()
-        future.set_exception(BrokenExecutor("ended"))
+        future.set_exception(self.error)
         return future
 
 
@@ -199,6 +201,41 @@ def test_a_page_whose_builder_dies_says_so_and_moves_on(
     assert "the change was taken back: the process that was building it was ended" in capsys.readouterr().out
     page.close()
     explorer.close()
+
+
+def test_whatever_a_rig_fails_by_the_change_is_taken_back_once(
+    server: viser.ViserServer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Sparse factors and eigensolvers raise a RuntimeError."""
+    failing = Failing(RuntimeError("Factor is exactly singular"))
+    explorer = Explorer(Session(DESIGN, rig()), server, builder=failing, looker=ThreadPoolExecutor(1))
+    page = Page(server)
+    until(explorer, lambda: bool(server.get_clients()))
+    explorer._inbox.put(do.TogglePatch(0))
+    until(explorer, lambda: failing.asked == 1 and not explorer.session.stale)
+    ticks(explorer, 5)
+    assert failing.asked == 1
+    assert explorer.session.error is None
+    said = capsys.readouterr()
+    assert "the change was taken back: Factor is exactly singular" in said.out
+    assert "Traceback" not in said.err
+    page.close()
+    explorer.close()
+
+
+def test_a_deleted_recording_is_told_and_the_panel_moves_on(
+    explorer: Explorer, page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    explorer._inbox.put("record")
+    ticks(explorer, 2)
+    (file,) = tmp_path.glob("*.rrd")
+    file.unlink()
+    before = explorer.session.time
+    ticks(explorer, 40)
+    assert explorer.session.error is None
+    assert explorer.session.time > before
+    assert explorer._recording_facts() == f"{file.name}, which is no longer there"
 
 
 @given(st.lists(st.tuples(st.integers(0, ELEMENTS - 1), st.floats(0, 0.1)), min_size=2, max_size=12))

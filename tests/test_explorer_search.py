@@ -6,13 +6,12 @@ The tests are steps of one visit: each begins where the last one ended.
 import os
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 from pages import served
 from panels import COARSE
 from playwright.sync_api import BrowserContext, Page, sync_playwright
 from test_jobs import gone
-from test_page import CHROMIUM, COLOUR_AT, FLAGS, PROJECT, opened, until
+from test_page import CHROMIUM, COLOUR_AT, FLAGS, PROJECT, opened, until, until_near
 from test_page import pytestmark as browser_marks
 
 from flutterviz import commands as do
@@ -20,7 +19,7 @@ from flutterviz.app import Explorer
 from flutterviz.surface import MARK
 from solver import load_design
 
-pytestmark = [*browser_marks, pytest.mark.timeout(420)]
+pytestmark = browser_marks
 SEARCHING = 180.0  # s: a search is polite, and gets little of a machine that draws and runs other tests as well
 
 BROWSER_ROOM = 8  # of 255: the tone map, and the filters of the drawing
@@ -122,10 +121,8 @@ def test_the_best_is_marked_on_the_panel(page: Page, explorer: Explorer) -> None
     assert found is not None
     page.keyboard.press("Space")
     until(page, lambda: explorer.session.paused)
-    page.wait_for_timeout(1500)  # the last frame is drawn
     best = found.top[0].elements
-    seen = np.array([mark_at(explorer, page, element) for element in best])
-    assert np.abs(seen - np.array(MARK)).max() <= BROWSER_ROOM
+    until_near(page, lambda: [mark_at(explorer, page, element) for element in best], [MARK] * len(best), BROWSER_ROOM)
     page.keyboard.press("Space")
     until(page, lambda: not explorer.session.paused)
 
@@ -143,7 +140,7 @@ def test_a_click_on_a_row_loads_it_and_the_key_undoes_that(page: Page, explorer:
 
 def test_cancel_ends_the_search_and_keeps_what_it_found(page: Page, explorer: Explorer) -> None:
     page.get_by_role("button", name="Search", exact=True).click()
-    until(page, lambda: explorer.finder.phase == "running")
+    until(page, lambda: explorer.finder._job.running)
     process = explorer.finder._job._process
     assert process is not None
     pid = process.pid

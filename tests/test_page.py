@@ -15,7 +15,7 @@ from solver import load_design
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = ["--no-sandbox", "--disable-background-networking", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE = 40.0  # s; the first shader takes up to 25 s where it is compiled without a graphics card
+PATIENCE = 90.0  # s; the first shader takes 25 s where it is compiled without a graphics card, beside other tests more
 DESIGN = load_design("seed-840")
 ELEMENT = 12 * 6 + 3  # i = 12, j = 3: in the middle, where the panel moves by less than at 0.75 a
 
@@ -45,6 +45,7 @@ ON_CANVAS = "([x, y]) => document.elementFromPoint(x, y) === window.__viserMutab
 
 pytestmark = [
     pytest.mark.browser,
+    pytest.mark.timeout(420),  # where two browsers draw by software, and other tests run as well
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium or chromium-browser on PATH"),
 ]
 
@@ -109,6 +110,14 @@ def until(page: Page, condition: Callable[[], bool], patience: float = PATIENCE)
         page.wait_for_timeout(50)
 
 
+def until_near(page: Page, colours: Callable[[], object], wanted: object, room: int) -> None:
+    """Wait until colours [0..255] that are read off the page are the wanted ones: a picture takes its time there."""
+    end = time.perf_counter() + PATIENCE
+    while (apart := np.abs(np.array(colours()) - np.array(wanted)).max()) > room:
+        assert time.perf_counter() < end, f"a colour is still {apart} of 255 off"
+        page.wait_for_timeout(200)
+
+
 def status(page: Page) -> str:
     return page.locator("#flutterviz-status").inner_text()
 
@@ -137,11 +146,10 @@ def test_the_first_click_after_opening_patches_the_element_under_it(page: Page, 
 
 
 def test_it_opens_alive_in_a_limit_cycle(page: Page, explorer: Explorer) -> None:
-    pictures = set()
-    for _ in range(3):
-        pictures.add(page.evaluate(PIXELS))
-        page.wait_for_timeout(700)  # half a cycle or so
-    assert len(pictures) == 3
+    pictures = [page.evaluate(PIXELS)]
+    for _ in range(2):
+        until(page, lambda: page.evaluate(PIXELS) not in pictures)
+        pictures.append(page.evaluate(PIXELS))
     until(page, lambda: "Limit cycle" in status(page))
     assert "1 page" in status(page)
     assert explorer.session.time > 0
@@ -202,9 +210,7 @@ def test_a_map_stands_still_on_the_moving_panel(page: Page, explorer: Explorer) 
     wanted = colormap.sequential_rgb([(shown.values[element] - low) / (high - low)])[0].astype(int)
     page.keyboard.press("Space")
     until(page, lambda: "Paused" in status(page))
-    page.wait_for_timeout(500)  # the last frame is drawn
-    seen = page.evaluate(COLOUR_AT, place(page, explorer, element))
-    assert np.abs(np.array(seen[:3]) - wanted).max() <= 6
+    until_near(page, lambda: page.evaluate(COLOUR_AT, place(page, explorer, element))[:3], wanted, 6)
     page.keyboard.press("Space")
     page.get_by_role("button", name="w", exact=True).click()
     until(page, lambda: page.get_by_text("dark: patches belong here").count() == 0)

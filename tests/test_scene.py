@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+import msgspec
 import numpy as np
 import pytest
 import viser
@@ -162,3 +163,29 @@ def test_the_legend_tells_unit_ends_and_exaggeration(scene: Scene, rig: Rig) -> 
     legend = scene.legend(rig.thickness)
     for text in ("w / h", "1.27 mm", "±1.91 mm", "height × 20"):
         assert text in legend
+
+
+def test_what_stands_about_the_panel_follows_its_sides_and_the_flow(scene: Scene, rig: Rig) -> None:
+    """And pages whose user has not taken the camera are aimed anew."""
+    scene.show(np.zeros(rig.grid.shape), rig.thickness)
+    scene.surround(rig.design)
+    before, first = scene.view(1.6), scene._server.initial_camera.position
+    oblong = msgspec.structs.replace(
+        rig.design,
+        panel=msgspec.structs.replace(rig.design.panel, width=2 * rig.design.panel.width),
+        flow=msgspec.structs.replace(rig.design.flow, yaw_deg=30.0),
+    )
+    grid = DisplayGrid(oblong.panel.length, oblong.panel.width, oblong.mesh.nx, oblong.mesh.ny)
+    scene._aimed[0] = (1.6, before[0])
+    scene.rebuild(grid, ())
+    scene.show(np.zeros(grid.shape), rig.thickness)
+    scene.surround(oblong)
+    assert scene._surrounded == pytest.approx((0.5, 1.0, 30.0))
+    assert scene.view(1.6) != before
+    assert not np.allclose(scene._server.initial_camera.position, first)
+    assert scene._aimed[0] == (0.0, before[0])
+    scene._aimed.clear()
+    scene.rebuild(rig.grid, ())
+    scene.show(np.zeros(rig.grid.shape), rig.thickness)
+    scene.surround(rig.design)
+    assert scene.view(1.6) == before

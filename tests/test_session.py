@@ -344,6 +344,18 @@ def test_reset_is_at_rest_in_the_first_mode_with_the_controller_off() -> None:
     assert session.design == LIGHT
 
 
+@pytest.mark.parametrize("x", [1e-2, 1e-6, 6e-173])
+def test_a_pluck_at_an_edge_moves_no_other_point_many_times_as_fast(x: float) -> None:
+    session = session_on(LIGHT)
+    before = session.state.copy()
+    session.apply(do.Pluck(x, 0.34, 5.0))
+    n = session.rig.plant.size
+    given = session.rig.coarse @ (session.state - before)[n:]
+    assert 0 < np.abs(given).max() <= 4 * 5.0 * (1 + 1e-12)  # rounding of the scale
+    run_on(session, 0.02)
+    assert session.error is None
+
+
 def test_a_pluck_gives_the_point_its_velocity_and_moves_nothing() -> None:
     session = session_on(LIGHT)
     before = session.state.copy()
@@ -478,3 +490,18 @@ def test_patches_are_toggled_on_a_laminated_skin() -> None:
     session.settle()
     assert session.design == LAMINATE
     assert session.advance(0.01) is not None
+
+
+def test_a_refusal_ends_a_drag() -> None:
+    """Or what the slider brings next would undo into the design before."""
+    session = session_on(LIGHT)
+    session.apply(do.TogglePatch(0))
+    patched = session.design
+    session.settle()
+    session.apply(do.SetFlow(700.0))
+    session.refuse("for some reason")
+    assert session.design == patched
+    session.apply(do.SetFlow(710.0))
+    session.apply(do.Undo())
+    assert session.design == patched
+    assert session.can_undo
