@@ -10,7 +10,8 @@ import pytest
 import flutterviz
 import solver
 
-SOURCES = sorted(Path(solver.__file__).parent.glob("*.py")) + sorted(Path(flutterviz.__file__).parent.glob("*.py"))
+FOLDERS = [Path(str(package.__file__)).parent for package in (solver, flutterviz)]
+SOURCES = [path for folder in FOLDERS for path in sorted(folder.rglob("*.py"))]
 # Words that make a number of a physical field: a doc line with neither one of these nor a unit says too little.
 NUMBERS = {"float", "Floats"}
 

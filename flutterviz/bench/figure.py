@@ -17,7 +17,7 @@ class Baseline:
     name: str
     """What it is, in a few words."""
     value: float
-    """Its median, in the figure's unit."""
+    """Its median [the figure's unit]."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Figure:
     name: str
     """What was measured, as `rebuild 24 x 6, 12 symmetric modes`."""
     value: float
-    """Median of the measurements, in `unit`; NaN where it could not be measured, and the note says why."""
+    """Median of the measurements [unit]; NaN where it could not be measured, and the note says why."""
     unit: str
     """As ms, x (times), /s, % of a core, kB."""
     spread: tuple[float, float]
-    """Lowest and highest of the measurements."""
+    """Lowest and highest of the measurements [unit]."""
     target: float | None = None
-    """What is asked of the value; None where it is only told."""
+    """What is asked of the value [unit]; None where it is only told."""
     sense: Literal["at most", "at least"] = "at most"
     """Which way the target is to be missed by nothing."""
     baseline: Baseline | None = None
@@ -52,8 +52,10 @@ class Figure:
 
     @property
     def ratio(self) -> float | None:
-        """How many times better than the baseline: less where little is good, more where much is; None without one."""
-        if self.baseline is None or not self.value or not self.baseline.value:
+        """How many times better than the baseline: less where little is good, more where much is; None without one, and
+        for a number of no unit, as an exponent, of which a multiple says nothing.
+        """
+        if self.baseline is None or self.unit == "-" or not self.value or not self.baseline.value:
             return None
         ratio = self.baseline.value / self.value
         return ratio if self.sense == "at most" else 1 / ratio

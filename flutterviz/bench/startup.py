@@ -22,7 +22,7 @@ from flutterviz.bench.timing import Times
 
 REPEATS, QUICK = 7, 2
 IMPORT, COMMAND, SERVING = 0.5, 2.0, 3.0  # s, asked at most
-BARE = "import numpy, scipy.linalg, scipy.sparse.linalg"
+BARE = "import numpy, scipy.linalg, scipy.sparse"
 FLUTTER = ("-m", "flutterviz", "flutter", "seed-bare", "--json")
 VIEW = ("-m", "flutterviz", "view", "--no-open", "--port", "0")
 FOLDER = Path(flutterviz.__file__).parents[1]

@@ -30,7 +30,7 @@ def cells(figure: Figure) -> tuple[str, ...]:
         NONE if figure.target is None else f"{bound} {_number(figure.target, figure.unit)}",
         MARKS[figure.met],
         NONE if baseline is None else _number(baseline.value, figure.unit),
-        NONE if figure.ratio is None or not math.isfinite(figure.ratio) else f"{figure.ratio:.3g}",
+        NONE if figure.ratio is None or not math.isfinite(figure.ratio) else _digits(figure.ratio),
     )
 
 
@@ -101,4 +101,4 @@ def _number(value: float, unit: str) -> str:
 
 def _digits(value: float) -> str:
     """Three digits or so, and never a power of ten for milliseconds that are seconds."""
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
+    return f"{value:.0f}" if 999.5 <= abs(value) < 1e6 else f"{value:.3g}"
