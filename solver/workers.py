@@ -40,6 +40,42 @@ class Serial(Executor):
         return future
 
 
+class Insistent(Executor):
+    """Asks another executor, and again where a `TypeError` comes back: no score ends in one, but Dask's client does.
+
+    It reads the state of a result after the result; if the worker that keeps it went away in between, the state is that
+    of a failure whose error is not there (distributed.cfexecutor).
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        """Ask this one."""
+        self._executor = executor
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """As the other executor's; a future that is cancelled is only no longer waited for."""
+        outer: Future[T] = Future()
+
+        def ask(last: bool) -> None:
+            self._executor.submit(fn, *args, **kwargs).add_done_callback(lambda inner: tell(inner, last))
+
+        def tell(inner: Future[T], last: bool) -> None:
+            if inner.cancelled():
+                outer.cancel()
+            if outer.cancelled() or inner.cancelled():
+                outer.set_running_or_notify_cancel()  # wakes who waits
+                return
+            error = inner.exception()
+            if isinstance(error, TypeError) and not last:
+                ask(last=True)
+            elif error is not None:
+                outer.set_exception(error)
+            else:
+                outer.set_result(inner.result())
+
+        ask(last=False)
+        return outer
+
+
 @contextmanager
 def workers(where: str, count: int | None = None) -> Iterator[Executor]:
     """The executor that a user names: `local`, or `dask://HOST:PORT` for the scheduler of a cluster.
@@ -148,6 +184,6 @@ def dask_workers(address: str) -> Iterator[Executor]:
         client.close()
         raise DesignError(f"the Dask scheduler at {address} has no workers; start one with `dask worker`") from None
     try:
-        yield client.get_executor(pure=False)
+        yield Insistent(client.get_executor(pure=False))
     finally:
         client.close()

@@ -6,7 +6,7 @@ import os
 import socket
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from solver import DesignError
 from solver.files import save_design
 from solver.search import search
 from solver.task import Method, Task
-from solver.workers import POLITE, local_workers, workers
+from solver.workers import POLITE, Insistent, Serial, local_workers, workers
 
 METHODS: tuple[Method, ...] = get_args(Method)
 DESIGN = coarse(6, 4)
@@ -226,3 +226,40 @@ def test_an_address_that_is_none_is_one_line(address: str, design: Path) -> None
     assert out == ""
     assert len(err.strip().splitlines()) == 1, err
     assert err.startswith("flutterviz: ")
+
+
+class Losing(Serial):
+    """Loses what it is first asked for, as Dask's client may."""
+
+    def __init__(self, losses: int) -> None:
+        self.losses = losses
+
+    def submit(self, fn, /, *args, **kwargs):  # noqa: ANN001, ANN002, ANN003, ANN201 - as Executor's
+        self.losses -= 1
+        if self.losses >= 0:
+            future: Future = Future()
+            future.set_exception(TypeError("cannot unpack non-iterable Score object"))
+            return future
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_what_a_cluster_loses_is_asked_for_once_more() -> None:
+    assert Insistent(Losing(1)).submit(pow, 2, 3).result() == 8
+    with pytest.raises(TypeError, match="unpack"):
+        Insistent(Losing(2)).submit(pow, 2, 3).result()
+    with pytest.raises(ZeroDivisionError):
+        Insistent(Losing(0)).submit(divmod, 1, 0).result()
+
+
+def test_what_a_cluster_cancels_is_cancelled() -> None:
+    class Gone(Serial):
+        def submit(self, fn, /, *args, **kwargs):  # noqa: ANN001, ANN002, ANN003, ANN202 - as Executor's
+            future: Future = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    future = Insistent(Gone()).submit(pow, 2, 3)
+    assert wait([future], timeout=5).not_done == set()
+    with pytest.raises(CancelledError):
+        future.result()
