@@ -79,7 +79,7 @@ class Course:
         for first in range(0, self.samples, look):
             count = min(look, self.samples - first)
             if not (run.calm and run.coast(count)):
-                run.take(self.loop.run([(run.state, run.memory)], self.sample, count, engaged=True)[0], count)
+                run.take(self.loop.run(run.state, run.memory, self.sample, count, engaged=True), count)
             if within is not None and run.later_than(within):
                 return End(None, math.nan, run.peak)
             if run.over:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from solver.mesh import Floats, Ints
+from solver.mesh import Floats
 from solver.products import FAST, Index, U, add_product, fill_monomials, multiply
 from solver.propagator import PARTS, Propagator
 
@@ -115,47 +115,42 @@ def _step(
 
 
 @numba.njit(cache=True, fastmath=FAST, nogil=True)
-def integrate_runs(
-    starts: Floats, weights: Weights, parted: Weights, forces: Forces, substeps: int, states: Floats, volts: Floats
-) -> Ints:
-    """Integrate runs from several states.
+def integrate(
+    start: Floats, weights: Weights, parted: Weights, forces: Forces, substeps: int, states: Floats, volts: Floats
+) -> int:
+    """Integrate from a state.
 
     ẋ = A x + B p(x), the linear part exact, p as `Forces` has it, by ETD4RK. A step in which a voltage meets its limit
     or leaves it is taken in `PARTS`: there the force has a kink, which costs any method its order.
 
     Args:
-        starts: (runs, S) states, not changed.
+        start: (S,) state, not changed.
         weights: of a step.
         parted: of one in `PARTS`.
         forces: what is not linear.
         substeps: steps from one sample to the next.
-        states: (runs, samples, S) filled with the states after each `substeps` steps.
-        volts: (runs, samples, channels) filled with the voltages then.
+        states: (samples, S) filled with the states after each `substeps` steps.
+        volts: (samples, channels) filled with the voltages then.
 
     Returns:
-        (runs,) how many samples of each are filled: fewer than asked for where the motion diverged.
+        How many samples are filled; fewer than asked for if the motion diverged.
     """
-    runs, size = starts.shape
-    n, channels = len(forces.load), volts.shape[2]
-    results, now, side, x = np.empty(4 * size), np.empty(len(weights.first)), np.empty(channels), np.empty(size)
+    x, size, n, channels = start.copy(), len(start), len(forces.load), volts.shape[1]
+    results, now, side = np.empty(4 * size), np.empty(len(weights.first)), np.empty(channels)
     room = n * (n + 1) * (n + 2) // 6 + n * (n + 1) // 2
     products = np.zeros(max(room, forces.table.shape[1]), forces.table.dtype)
-    counts = np.zeros(runs, np.int64)
-    for run in range(runs):
-        x[:] = starts[run]
-        for sample in range(states.shape[1]):
-            for _ in range(substeps):
-                if not _step(x, weights, forces, results, products, now, side):
+    for sample in range(len(states)):
+        for _ in range(substeps):
+            if not _step(x, weights, forces, results, products, now, side):
+                x[:] = results[size : 2 * size]
+            else:
+                for _ in range(PARTS):
+                    _step(x, parted, forces, results, products, now, side)
                     x[:] = results[size : 2 * size]
-                else:
-                    for _ in range(PARTS):
-                        _step(x, parted, forces, results, products, now, side)
-                        x[:] = results[size : 2 * size]
-            if not np.isfinite(x).all():
-                break
-            states[run, sample] = x
-            counts[run] += 1
-            for c in range(channels):
-                asked = -np.dot(forces.gain[c], x)
-                volts[run, sample, c] = min(max(asked, -forces.limit), forces.limit)
-    return counts
+        if not np.isfinite(x).all():
+            return sample
+        states[sample] = x
+        for c in range(channels):
+            asked = -np.dot(forces.gain[c], x)
+            volts[sample, c] = min(max(asked, -forces.limit), forces.limit)
+    return len(states)

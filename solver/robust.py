@@ -100,13 +100,13 @@ def on_the_cycle(loop: Loop, cycle: LimitCycle, phases: int) -> list[tuple[Float
     half = 1 / (2 * phases * cycle.frequency)  # from one phase to the next twice this or, between the halves, thrice
     if loop.law.memory:
         count = LISTENING * 2 * phases
-        ((states, _, memory),) = loop.run([(state, memory)], half, count, engaged=False)
+        states, _, memory = loop.run(state, memory, half, count, engaged=False)
         state = states[-1] if len(states) == count else cycle.state
     found = []
     for k in range(phases):
         found.append((state, memory))
         count = 3 if 2 * (k + 1) == phases else 2
-        ((states, _, memory),) = loop.run([(state, memory)], half, count, engaged=False)
+        states, _, memory = loop.run(state, memory, half, count, engaged=False)
         if len(states) < count:
             break
         state = states[-1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -166,20 +165,14 @@ class Loop:
             States (samples, 2n) and voltages (samples, channels) after each interval; shorter if the motion diverged.
         """
         law = self.law if engaged else self._idle
-        return self._run([(state, Memory.blank(law))], law, sample, samples)[0][:2]
+        return self._run(state, Memory.blank(law), law, sample, samples)[:2]
 
-    def run(self, starts: Sequence[tuple[Floats, Memory]], sample: float, samples: int, engaged: bool) -> list[Stretch]:
-        """As `stretch` from several states, and with what the controller remembers; disengaged, it goes on listening.
-
-        Two side by side take less than twice as long as one.
-
-        Returns:
-            For each, states, voltages, and the memory at the end.
-        """
-        return self._run(starts, self.law if engaged else self._listening, sample, samples)
+    def run(self, state: Floats, memory: Memory, sample: float, samples: int, engaged: bool) -> Stretch:
+        """As `stretch`, with what the controller remembers, and will in the end; disengaged, it goes on listening."""
+        return self._run(state, memory, self.law if engaged else self._listening, sample, samples)
 
     def advance(self, state: Floats, memory: Memory, sample: float, samples: int, engaged: bool) -> Stretch:
-        """As `run` from one state, by classical steps: for stretches too short to make exponentials for."""
+        """As `run` by classical steps: for stretches too short to make exponentials for."""
         return self._classical(state, memory, self.law if engaged else self._listening, sample, samples)
 
     @cached_property
@@ -192,30 +185,22 @@ class Loop:
         """The law disengaged."""
         return dataclasses.replace(self.law.scaled(0.0), delay=0.0)
 
-    def _run(self, starts: Sequence[tuple[Floats, Memory]], law: Law, sample: float, samples: int) -> list[Stretch]:
-        if law.delay or law.hears_noise:
-            return [self._classical(state, memory, law, sample, samples) for state, memory in starts]
-        return self._exponential(starts, law, sample, samples)
+    def _run(self, state: Floats, memory: Memory, law: Law, sample: float, samples: int) -> Stretch:
+        way = self._classical if law.delay or law.hears_noise else self._exponential
+        return way(state, memory, law, sample, samples)
 
-    def _exponential(
-        self, starts: Sequence[tuple[Floats, Memory]], law: Law, sample: float, samples: int
-    ) -> list[Stretch]:
+    def _exponential(self, state: Floats, memory: Memory, law: Law, sample: float, samples: int) -> Stretch:
         """By exponential steps, for a law without delay and noise."""
-        from solver.exponential import integrate_runs  # here, because numba takes long to start
+        from solver.exponential import integrate  # here, because numba takes long to start
 
-        n, m = self.plant.size, law.memory
-        substeps = self.steps_of(sample)
+        n, substeps = self.plant.size, self.steps_of(sample)
         weights = self._weights(law, sample / substeps)
-        first = np.array([np.concatenate([state, memory.own]) for state, memory in starts])
-        states = np.empty((len(starts), samples, 2 * n + m))
-        volts = np.empty((len(starts), samples, len(law.gain)))
-        counts = integrate_runs(first, *weights, self._forces(law), substeps, states, volts)
-        found = []
-        for x, v, finite, (_, memory) in zip(states, volts, counts, starts, strict=True):
-            own = x[finite - 1, 2 * n :].copy() if finite else memory.own
-            kept = Memory(own, np.zeros(0), np.zeros((0, len(law.gain))), memory.drawn)
-            found.append((x[:finite, : 2 * n], v[:finite], kept))
-        return found
+        states, volts = np.empty((samples, 2 * n + law.memory)), np.empty((samples, len(law.gain)))
+        start = np.concatenate([state, memory.own])
+        finite = integrate(start, *weights, self._forces(law), substeps, states, volts)
+        own = states[finite - 1, 2 * n :].copy() if finite else memory.own
+        kept = Memory(own, np.zeros(0), np.zeros((0, len(law.gain))), memory.drawn)
+        return states[:finite, : 2 * n], volts[:finite], kept
 
     def _forces(self, law: Law) -> Forces:
         """What is not linear, laid out; kept."""
@@ -374,7 +359,7 @@ def seed_protocol(loop: Loop) -> Trace:
     before, idle, memory = until_on(loop)
     states, volts = [start[None], before], [np.zeros((1, idle.shape[1])), idle]
     if len(before) == free:
-        ((after, driven, _),) = loop.run([(before[-1] if free else start, memory)], sample, rest, engaged=True)
+        after, driven, _ = loop.run(before[-1] if free else start, memory, sample, rest, engaged=True)
         states.append(after)
         volts.append(driven)
     states = np.concatenate(states)
@@ -386,7 +371,7 @@ def seed_protocol(loop: Loop) -> Trace:
 def until_on(loop: Loop) -> Stretch:
     """The seed protocol up to t_on, without its start; shorter if the motion diverged."""
     start, sample, free = seed_start(loop)
-    return loop.run([(start, Memory.blank(loop.law))], sample, free, engaged=False)[0]
+    return loop.run(start, Memory.blank(loop.law), sample, free, engaged=False)
 
 
 def seed_start(loop: Loop) -> tuple[Floats, float, int]:

@@ -58,7 +58,7 @@ class Tail:
         return Tail(powers[:samples], gain, limit, root, scale, most)
 
     def stretch(self, state: Floats, memory: Memory, count: int) -> Stretch:
-        """As `Loop.run` of one state."""
+        """As `Loop.run` with the controller engaged."""
         x = self.powers[:count] @ np.concatenate([state, memory.own])
         kept = Memory(x[-1, len(state) :].copy(), memory.when, memory.asked, memory.drawn)
         return x[:, : len(state)], -x @ self.gain.T, kept

@@ -21,7 +21,7 @@ def plain_end(course: Course, state: np.ndarray, memory: Memory) -> End:
     """The same figures from all samples of one long run."""
     loop, model = course.loop, course.loop.plant.model
     law, design = loop.law, loop.plant.design
-    ((states, volts, _),) = loop.run([(state, memory)], course.sample, course.samples, engaged=True)
+    states, volts, _ = loop.run(state, memory, course.sample, course.samples, engaged=True)
     states = np.vstack([state, states])
     first = -(law.direct(loop.plant.force) @ state + law.reading @ memory.own)
     volts = np.vstack([np.clip(first, -law.limit, law.limit), volts])
