@@ -81,14 +81,16 @@ def run_search(options: SearchOptions, design: Design) -> int:
 @contextlib.contextmanager
 def _stopped_once() -> Iterator[None]:
     """Take the first Ctrl-C or SIGTERM for the end of the search, and none after it for the end of what follows."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
+    stopped = False
 
     def stop(number: int, frame: FrameType | None) -> None:
-        for each in numbers:
-            signal.signal(each, signal.SIG_IGN)
-        raise KeyboardInterrupt
+        # not by SIG_IGN from here: Python prints a traceback of a signal that came before it was set and is due after
+        nonlocal stopped
+        if not stopped:
+            stopped = True
+            raise KeyboardInterrupt
 
-    before = [(number, signal.signal(number, stop)) for number in numbers]
+    before = [(number, signal.signal(number, stop)) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         yield
     finally:

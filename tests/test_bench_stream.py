@@ -37,7 +37,12 @@ def children() -> set[int]:
     return found
 
 
-def test_pictures_come_at_the_asked_rate_and_all_arrive(reports: tuple[Report, Report]) -> None:
+def test_pictures_are_drawn_and_arrive_at_no_more_than_the_asked_rate(reports: tuple[Report, Report]) -> None:
+    for report in reports:  # in all, since on a busy machine a picture may arrive in a later stretch than its own
+        begin, end = report.stretches[0].begin, report.stretches[-1].end
+        arrived = sum(arrival.picture and begin <= arrival.time <= end for arrival in report.arrivals)
+        # each stretch, and what is drawn before it, may begin and end with a picture; 10 may be under way at the first
+        assert arrived <= 30 * (end - begin) + 4 * len(report.stretches) + 10
     for report, names in (
         (reports[0], ("ours", "plain")),
         (reports[1], ("rest", "toggling", "toggling beside a search")),
@@ -48,7 +53,7 @@ def test_pictures_come_at_the_asked_rate_and_all_arrive(reports: tuple[Report, R
             seconds = sum(stretch.end - stretch.begin for stretch in stretches)
             arrived = sum(arrival.picture for stretch in stretches for arrival in report.arrived(stretch))
             assert 1 < drawn <= 30 * seconds + 2 * len(stretches)  # no more than asked; fewer on a busy machine
-            assert 0 < arrived <= drawn + len(stretches)  # those on their way at either end
+            assert arrived > 0
             assert all(0 < stretch.processor < 4 * (stretch.end - stretch.begin) for stretch in stretches)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from fakescores import coarse, measuring, plain
 from launched import alive, content, ended, family, launched, lines_in, log_of, until
 from terminal import answer, complaint
 
+from flutterviz import searching
 from flutterviz.cli import run
 from solver.files import save_design
 from solver.task import Task
@@ -202,6 +204,22 @@ def test_a_second_signal_does_not_cost_the_result(design: str, tmp_path: Path) -
     assert "Traceback" not in err
     assert json.loads(out)["complete"] is False
     assert path.exists()
+
+
+def test_two_signals_at_once_are_one_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second is due already where the first is acted on, which Python has an error for if it finds no handler."""
+    printed: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", printed.append)
+    both = {signal.SIGINT, signal.SIGTERM}
+    with searching._stopped_once():
+        signal.pthread_sigmask(signal.SIG_BLOCK, both)
+        for number in both:
+            os.kill(os.getpid(), number)
+        with pytest.raises(KeyboardInterrupt):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+    assert printed == []
 
 
 @pytest.mark.parametrize("wait", [0, 2])
