@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import itertools
 import queue
 import time
 import traceback
@@ -299,7 +300,7 @@ class Explorer:
             self._stop_recording()
             return
         try:
-            self._start_recording(Path(datetime.now().strftime("flutterviz-%Y%m%d-%H%M%S.rrd")))
+            self._start_recording(_unused(datetime.now().strftime("flutterviz-%Y%m%d-%H%M%S")))
         except OSError as error:
             self.session.note(str(error))
 
@@ -358,6 +359,12 @@ class Explorer:
         except (OSError, RuntimeError) as error:
             self._stop_recording()
             session.note(f"recording stopped: {' '.join(str(error).split())}")
+
+
+def _unused(stem: str) -> Path:
+    """A recording's name that no file has yet, in this folder."""
+    marks = itertools.chain([""], (f"-{k}" for k in itertools.count(2)))
+    return next(path for path in (Path(f"{stem}{mark}.rrd") for mark in marks) if not path.exists())
 
 
 def _round_up(value: float) -> float:

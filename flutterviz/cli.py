@@ -337,6 +337,11 @@ def _span(span: str, option: str, example: str) -> list[float]:
     return [start + step * k for k in range(int(count + 1e-9))]
 
 
+def _refuse_two_forms(as_markdown: bool, as_json: bool) -> None:
+    if as_markdown and as_json:
+        raise DesignError("--markdown and --json are two forms of one table: use one of them")
+
+
 def _simulate(options: Simulate, design: Design) -> None:
     if options.save is not None:
         from flutterviz.export import check_target, save_trace
@@ -354,6 +359,7 @@ def _simulate(options: Simulate, design: Design) -> None:
 
 
 def _check(options: Check) -> int:
+    _refuse_two_forms(options.markdown, options.json)
     from solver.check import run_checks
 
     cases = []
@@ -376,6 +382,7 @@ def _check(options: Check) -> int:
 
 
 def _bench(options: Bench) -> int:
+    _refuse_two_forms(options.markdown, options.json)
     from flutterviz.bench.run import run_bench
 
     return run_bench(options.parts, options.quick, options.markdown, options.json)

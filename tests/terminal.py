@@ -7,6 +7,9 @@ import pytest
 
 from flutterviz.cli import run
 
+BARE = ["seed-bare", "--reduction.modes", "6"]
+COARSE = ["--mesh.nx", "8", "--mesh.ny", "4"]
+
 
 def answer(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
     """The JSON object that a command prints, alone on stdout."""

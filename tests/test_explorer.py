@@ -8,6 +8,7 @@ import pytest
 import viser
 from pages import DESIGN, Page, centre, refreshed, rig, status, ticks, until
 
+from flutterviz import app
 from flutterviz import commands as do
 from flutterviz.app import Explorer
 from flutterviz.clock import FRAME, LADDER, rate_name
@@ -226,6 +227,16 @@ def test_the_button_starts_and_stops_a_recording(
     assert explorer.controls._recording.content == ""
     assert path.read_bytes().startswith(b"RRF")
     assert path.stat().st_size > 20_000  # a frame alone is some tens of kB
+
+
+def test_a_recording_begun_in_the_second_of_another_does_not_replace_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("run.rrd", "run-2.rrd", "run-3.rrd"):
+        path = app._unused("run")
+        assert path.name == name
+        path.touch()
 
 
 def test_a_recording_from_the_start_runs_without_a_page(server: viser.ViserServer, tmp_path: Path) -> None:

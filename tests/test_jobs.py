@@ -11,12 +11,12 @@ from pathlib import Path
 import fakesearch
 import pytest
 from fakesearch import DESIGN
+from launched import PATIENCE
 
 from flutterviz.jobs import GRACE, NICER, Job, Run
 from solver.task import Task
 
 TASK = Task(elements=6)
-PATIENCE = 40.0  # s; a process that imports the solver takes some, on a busy machine
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from launched import PATIENCE, family
 
 from flutterviz.recording import Recording
 from flutterviz.replay import replay
@@ -69,18 +70,19 @@ def test_the_page_is_served_on_loopback_until_the_command_ends(recording: Path, 
     try:
         assert url.startswith("http://127.0.0.1:")
         assert "renderer=webgl" in url
-        with urllib.request.urlopen(url, timeout=10) as answer:
+        with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
             assert answer.status == 200
         tree = psutil.Process(process.pid).children(recursive=True)
         assert tree
         listening = [c.laddr.ip for p in tree for c in p.net_connections("tcp") if c.status == psutil.CONN_LISTEN]
         assert set(listening) == {"127.0.0.1"}
         process.send_signal(number)
-        assert process.wait(timeout=8) == code
-        _, alive = psutil.wait_procs(tree, timeout=3)
+        assert process.wait(timeout=PATIENCE) == code
+        _, alive = psutil.wait_procs(tree, timeout=PATIENCE)
         assert not alive
     finally:
-        process.kill()
+        for one in (*family(process.pid), process):  # the viewer as well, should the command not have ended it
+            one.kill()
         process.communicate()
 
 
@@ -90,7 +92,7 @@ def test_a_torn_end_is_cut_off_and_the_rest_shown(recording: Path) -> None:
     recording.write_bytes(torn[: int(0.6 * len(torn))])
     process, url = start(recording)
     try:
-        with urllib.request.urlopen(url, timeout=10) as answer:
+        with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
             assert answer.status == 200
     finally:
         process.terminate()
