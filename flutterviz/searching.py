@@ -16,6 +16,7 @@ import msgspec
 import tyro
 
 from flutterviz.arguments import DesignName, JsonFlag
+from flutterviz.aside import Aside
 from flutterviz.ranktable import print_ranking
 from flutterviz.tables import ERR, warn
 from solver import Design, Stream
@@ -105,11 +106,14 @@ def _watched(options: SearchOptions, task: Task, design: Design, journal: Journa
         from flutterviz.searchbar import bar_of, show  # here, because other commands have no use for it
 
         with (
+            Aside[Found]() as aside,
             workers(options.executor, options.workers) as executor,
             bar_of(task, ERR) as bars,
         ):
             known = journal.known if journal is not None else ()
-            for last in search(design, task, executor, known):
+            steps = search(design, task, executor, known)
+            # where this process does the work itself, nobody waits for a lock, and Ctrl-C need not wait for a layout
+            for last in steps if options.workers == 0 else aside.steps(steps):
                 if journal is not None and last.score is not None:
                     journal.add(last.score)
                 show(bars, task, last, len(known))
