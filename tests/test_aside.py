@@ -10,16 +10,17 @@ import pytest
 from flutterviz.aside import Aside
 
 
+def counting(begun: list[int]) -> Iterator[int]:
+    """0 to 4, each noted when it is asked for."""
+    for k in range(5):
+        begun.append(k)
+        yield k
+
+
 def test_items_come_in_order_and_each_only_when_it_is_asked_for() -> None:
     begun: list[int] = []
-
-    def items() -> Iterator[int]:
-        for k in range(5):
-            begun.append(k)
-            yield k
-
     with Aside[int]() as aside:
-        for k in aside.steps(items()):
+        for k in aside.steps(counting(begun)):
             assert begun == list(range(k + 1))
     assert begun == list(range(5))
 
@@ -56,14 +57,8 @@ def test_an_interrupt_meets_the_wait_alone() -> None:
 
 def test_left_before_the_end_it_asks_for_nothing_more() -> None:
     begun: list[int] = []
-
-    def items() -> Iterator[int]:
-        for k in range(5):
-            begun.append(k)
-            yield k
-
     with Aside[int]() as aside:
-        for k in aside.steps(items()):
+        for k in aside.steps(counting(begun)):
             if k == 1:
                 break
     time.sleep(0.05)

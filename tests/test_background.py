@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from typing import ParamSpec, TypeVar
 
 import pytest
 from pages import DESIGN, rig
@@ -11,6 +12,9 @@ from flutterviz.background import Background
 from flutterviz.outlook import Outlook, outlook_of
 from flutterviz.rig import Rig, rig_of
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 
 class ByHand(Executor):
     """Keeps what it is asked for until the test does it."""
@@ -18,8 +22,8 @@ class ByHand(Executor):
     def __init__(self) -> None:
         self.asked: list[tuple[Future, Callable[..., object], tuple[object, ...]]] = []
 
-    def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future:  # type: ignore[override]
-        future: Future = Future()
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
         self.asked.append((future, fn, args))
         return future
 

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import msgspec
 import numpy as np
@@ -24,6 +25,10 @@ from flutterviz.scene import Ray
 from flutterviz.session import Session
 from solver import DesignError, Reduction
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
 ELEMENTS = DESIGN.mesh.nx * DESIGN.mesh.ny
 IMPOSSIBLE = msgspec.structs.replace(DESIGN, reduction=Reduction(modes="all"))
 OTHER_MESH = msgspec.structs.replace(DESIGN.with_elements((5, 6)), mesh=type(DESIGN.mesh)(12, 4))
@@ -36,9 +41,9 @@ class Failing(Executor):
         self.asked = 0
         self.error = error or BrokenExecutor("ended")
 
-    def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future:  # type: ignore[override]
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         self.asked += 1
-        future: Future = Future()
+        future: Future[T] = Future()
         future.set_exception(self.error)
         return future
 
@@ -168,9 +173,13 @@ def test_a_rig_is_complete_even_if_its_process_dies_over_it() -> None:
     class Half(Failing):
         """Loses all but the first thing that it is asked for."""
 
-        def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future:  # type: ignore[override]
+        def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
             self.asked += 1
-            return ThreadPoolExecutor(1).submit(fn, *args) if self.asked == 1 else super().submit(fn, *args)
+            return (
+                ThreadPoolExecutor(1).submit(fn, *args, **kwargs)
+                if self.asked == 1
+                else super().submit(fn, *args, **kwargs)
+            )
 
     builder = Builder(Half(), lambda: None)
     more = DESIGN.with_elements((*DESIGN.patches.elements, 100))
